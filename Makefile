@@ -1,0 +1,56 @@
+# `make demo` and `make test` need nothing but python3 (3.10 to 3.13) with pip and venv, git and make: ROS 2 comes from PyPI.
+
+PYTHON ?= $(shell for candidate in python3 python3.12 python3.13 python3.11 python3.10; do \
+	$$candidate -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null \
+	&& echo $$candidate && break; done)
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+CORE_TESTS := $(BIN)/python -m pytest --timeout 300 -n 2 --dist loadfile
+LIVE_TESTS := $(BIN)/python -m pytest --timeout 300
+
+# The environment is its own world: a sourced /opt/ros must not leak into it, and its nodes talk to this machine only.
+unexport PYTHONPATH LD_LIBRARY_PATH RMW_IMPLEMENTATION COLCON_PREFIX_PATH CMAKE_PREFIX_PATH
+export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help environment demo test test-all lint types clean
+
+help:
+	@echo "make demo      render two cameras, calibrate them offline and live"
+	@echo "make test      lint, types, tests, colcon build"
+	@echo "make test-all  the same with the slow tests"
+	@echo "make clean     remove the environment and everything built"
+
+environment: $(READY)
+
+$(READY): setup.py setup.cfg
+	@test -n "$(PYTHON)" || { echo "Python 3.10 to 3.13 is needed and none was found: install one and run make PYTHON=python3.X"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+		echo "$(PYTHON) has no venv: install it with 'sudo apt-get install python3-venv' and run make again"; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "installing into $(VENV) (a few minutes the first time)"
+	@$(BIN)/python -m pip install --quiet --editable '.[ros,test]'
+	@touch $@
+
+demo: $(READY)
+	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/fisheye_ep_calib demo
+
+lint: $(READY)
+	$(BIN)/ruff check .
+
+types: $(READY)
+	$(BIN)/mypy
+
+test: lint types
+	$(CORE_TESTS) -m "not slow and not live"
+	$(LIVE_TESTS) -m "live and not slow"
+
+test-all: lint types
+	$(CORE_TESTS) -m "not live"
+	$(LIVE_TESTS) -m "live"
+
+clean:
+	rm -rf $(VENV) .colcon build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

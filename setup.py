@@ -1,0 +1,69 @@
+"""Installed by pip (offline work without ROS, or with the extra [ros]) and by colcon as an ament_python package."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "fisheye_ep_calib"
+
+# calib-targets ships wheels for these machines only; elsewhere chessboards fall back to OpenCV's whole-board detector.
+HAS_CALIB_TARGETS = (
+    "(platform_system == 'Linux' and platform_machine == 'x86_64')"
+    " or (platform_system == 'Darwin' and platform_machine == 'arm64')"
+    " or (platform_system == 'Windows' and platform_machine == 'AMD64')"
+)
+
+ROS = [
+    "ros-jazzy-rclpy",
+    "ros-jazzy-common-interfaces",
+    "ros-jazzy-rmw-fastrtps-cpp",
+]
+TEST = [
+    "pytest>=8",
+    "pytest-timeout>=2.3",
+    "pytest-xdist>=3.5",
+    "hypothesis>=6.100",
+    "ruff>=0.6",
+    "mypy>=1.10",
+    "types-PyYAML",
+    "colcon-common-extensions>=0.3",
+]
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Fisheye camera calibration with the entrance pupil, from bags or live ROS 2 images",
+    license="Apache-2.0",
+    maintainer="fisheye_ep_calib maintainers",
+    maintainer_email="maintainers@users.noreply.h-seed-848c94e0.example",
+    python_requires=">=3.10",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", glob("config/*.yaml")),
+        (f"share/{NAME}/config/targets", glob("config/targets/*.yaml")),
+        (f"share/{NAME}/launch", glob("launch/*.launch.py")),
+    ],
+    install_requires=[
+        "numpy>=1.26",
+        "scipy>=1.11",
+        "opencv-python-headless>=4.6",
+        "pyyaml>=6.0",
+        "mcap>=1.1",
+        "rosbags>=0.10",
+        "tqdm>=4.60",
+        "matplotlib>=3.6",
+        f"calib-targets>=0.15,<0.16; {HAS_CALIB_TARGETS}",
+    ],
+    extras_require={"ros": ROS, "test": TEST},
+    entry_points={
+        "console_scripts": [
+            "fisheye_ep_calib = fisheye_ep_calib.cli:main",
+            "calibrate_bag = fisheye_ep_calib.cli:calibrate_bag_main",
+            "calibrator = fisheye_ep_calib.ros.calibrator:main",
+        ],
+    },
+    zip_safe=True,
+)

@@ -1,0 +1,46 @@
+"""package.xml and setup.py: what colcon, rosdep and pip read."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+from pathlib import Path
+
+from catkin_pkg.package import parse_package
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def test_package_xml_is_accepted_and_complete() -> None:
+    warnings: list[str] = []
+    package = parse_package(str(REPOSITORY / "package.xml"), warnings=warnings)
+    package.validate(warnings=warnings)
+    assert warnings == []
+    assert package.package_format == 3
+    assert package.get_build_type() == "ament_python"
+    wanted = "rclpy sensor_msgs std_msgs std_srvs diagnostic_msgs python3-numpy python3-scipy python3-opencv python3-yaml"
+    assert set(wanted.split()) <= {dependency.name for dependency in package.exec_depends}
+
+
+def test_one_version_everywhere() -> None:
+    package = parse_package(str(REPOSITORY / "package.xml"))
+    assert importlib.metadata.version("fisheye_ep_calib") == package.version
+
+
+def test_entry_points_exist() -> None:
+    entries = importlib.metadata.distribution("fisheye_ep_calib").entry_points
+    assert {"fisheye_ep_calib", "calibrator", "calibrate_bag"} <= {entry.name for entry in entries}
+    for entry in entries:
+        assert callable(entry.load()), entry.name
+
+
+def test_core_installs_without_ros() -> None:
+    requirements = importlib.metadata.requires("fisheye_ep_calib") or []
+    always = [requirement for requirement in requirements if "extra ==" not in requirement]
+    assert not [requirement for requirement in always if re.match("ros-|rclpy", requirement)]
+    assert any(requirement.startswith("ros-jazzy-rclpy") for requirement in requirements)
+
+
+def test_every_folder_of_modules_is_a_package() -> None:
+    folders = {module.parent for module in (REPOSITORY / "fisheye_ep_calib").rglob("*.py")}
+    assert [str(folder) for folder in folders if not (folder / "__init__.py").is_file()] == []
