@@ -1,0 +1,129 @@
+"""What a calibration starts from: which point of the target was seen where, in which image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from os import PathLike
+
+import numpy as np
+
+from fisheye_ep_calib.errors import InputError
+
+
+@dataclass(frozen=True)
+class Observations:
+    """M sightings of the n points of one target in V images of one camera.
+
+    object_points (n, 3): metres, target frame.
+    image_index (M,), point_index (M,): int, which image saw which point; rows are sorted by image.
+    pixels (M, 2): measured positions; the centre of the top-left pixel is (0, 0).
+    image_size: (width, height) in pixels.
+    weights (M,): multiply the residuals; 0 excludes a sighting from the fit.
+    image_names: one name an image (V of them).
+    split: (V,) str such as "train" and "test", or None.
+    disc_radius: metres, where the features are centres of gravity of projected discs; else None.
+    """
+
+    object_points: np.ndarray
+    image_index: np.ndarray
+    point_index: np.ndarray
+    pixels: np.ndarray
+    image_size: tuple[int, int]
+    weights: np.ndarray
+    image_names: tuple[str, ...]
+    split: np.ndarray | None = None
+    disc_radius: float | None = None
+
+    @staticmethod
+    def create(
+        object_points,
+        image_index,
+        point_index,
+        pixels,
+        image_size,
+        weights=None,
+        image_names=None,
+        split=None,
+        disc_radius: float | None = None,
+    ) -> Observations:
+        """Validate, sort by image and fill in what is optional. Raises InputError."""
+        object_points = np.array(object_points, dtype=float)
+        image_index = np.array(image_index, dtype=np.int64).reshape(-1)
+        point_index = np.array(point_index, dtype=np.int64).reshape(-1)
+        pixels = np.array(pixels, dtype=float)
+        count = len(image_index)
+        if object_points.ndim != 2 or object_points.shape[1] != 3 or not np.isfinite(object_points).all():
+            raise InputError("object_points must be finite and of shape (n, 3)")
+        if pixels.shape != (count, 2) or point_index.shape != (count,):
+            raise InputError("image_index, point_index and pixels must have one row an observation")
+        if count == 0:
+            raise InputError("there are no observations")
+        if not np.isfinite(pixels).all():
+            bad = int(np.flatnonzero(~np.isfinite(pixels).all(axis=1))[0])
+            raise InputError(f"observation {bad} (image {image_index[bad]}) has a pixel that is not finite")
+        if point_index.min() < 0 or point_index.max() >= len(object_points):
+            raise InputError(f"point_index must lie in 0..{len(object_points) - 1}")
+        if image_index.min() < 0:
+            raise InputError("image_index must not be negative")
+        width, height = (int(value) for value in image_size)
+        if width <= 0 or height <= 0:
+            raise InputError("image_size must be positive")
+        outside = (pixels < -0.5).any(axis=1) | (pixels > np.array([width, height]) - 0.5).any(axis=1)
+        if outside.any():
+            bad = int(np.flatnonzero(outside)[0])
+            raise InputError(
+                f"observation {bad} (image {image_index[bad]}) lies outside the {width}×{height} image"
+            )
+        pair = image_index * len(object_points) + point_index
+        if len(np.unique(pair)) != count:
+            raise InputError("an image lists the same point twice")
+        weights = np.ones(count) if weights is None else np.array(weights, dtype=float).reshape(-1)
+        if weights.shape != (count,) or not np.isfinite(weights).all() or (weights < 0).any():
+            raise InputError("weights must be finite, not negative, one an observation")
+        images = int(image_index.max()) + 1
+        if image_names is None:
+            image_names = tuple(str(i) for i in range(images))
+        image_names = tuple(str(name) for name in image_names)
+        if len(image_names) < images:
+            raise InputError("image_names is shorter than the images that image_index counts")
+        if split is not None:
+            split = np.array(split).astype(str).reshape(-1)
+            if len(split) != len(image_names):
+                raise InputError("split must have one entry an image")
+        if disc_radius is not None and not (np.isfinite(disc_radius) and disc_radius > 0):
+            raise InputError("disc_radius must be positive")
+        order = np.argsort(image_index, kind="stable")
+        return Observations(
+            object_points,
+            image_index[order],
+            point_index[order],
+            pixels[order],
+            (width, height),
+            weights[order],
+            image_names,
+            split,
+            None if disc_radius is None else float(disc_radius),
+        )
+
+    @staticmethod
+    def load(path: str | PathLike) -> Observations:
+        """Read an observation file (.npz)."""
+        from fisheye_ep_calib.storage.observation_file import load_observations
+
+        return load_observations(path)
+
+    @property
+    def view_count(self) -> int:
+        """Images with at least one sighting of non-zero weight."""
+        return len(np.unique(self.image_index[self.weights > 0]))
+
+    def select_images(self, images: np.ndarray) -> Observations:
+        """Only the sightings in these images; image numbers and names stay."""
+        keep = np.isin(self.image_index, images)
+        return replace(
+            self,
+            image_index=self.image_index[keep],
+            point_index=self.point_index[keep],
+            pixels=self.pixels[keep],
+            weights=self.weights[keep],
+        )

@@ -1,0 +1,50 @@
+"""The protocol of a lens extra: a map of the normalised image plane, the identity for coefficients 0."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+
+class PlaneJacobian(NamedTuple):
+    """∂(x′, y′)/∂(x, y), each of shape S."""
+
+    xx: np.ndarray
+    xy: np.ndarray
+    yx: np.ndarray
+    yy: np.ndarray
+
+
+class LensExtra(Protocol):
+    """Maps (x, y) = r (cosφ, sinφ), dimensionless, arrays of any shape S."""
+
+    name: str
+    coefficient_names: tuple[str, ...]
+
+    def apply(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray]:
+        """(x′, y′), each of shape S."""
+        ...
+
+    def jacobian(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[PlaneJacobian, np.ndarray]:
+        """∂(x′, y′)/∂(x, y) and ∂(x′, y′)/∂coefficients, the latter of shape (2, n, *S)."""
+        ...
+
+    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray]:
+        """The (x, y) that the extra maps to the given (x′, y′)."""
+        ...
+
+
+def invert_by_newton(extra: LensExtra, x: np.ndarray, y: np.ndarray, coefficients):
+    """Solve extra(a, b) = (x, y) by Newton steps from (x, y); the maps are near the identity."""
+    a, b = np.array(x, dtype=float), np.array(y, dtype=float)
+    for _ in range(30):
+        mapped_x, mapped_y = extra.apply(a, b, coefficients)
+        error_x, error_y = mapped_x - x, mapped_y - y
+        plane, _ = extra.jacobian(a, b, coefficients)
+        determinant = plane.xx * plane.yy - plane.xy * plane.yx
+        determinant = np.where(np.abs(determinant) > 1e-12, determinant, 1.0)
+        step_a = (plane.yy * error_x - plane.xy * error_y) / determinant
+        step_b = (plane.xx * error_y - plane.yx * error_x) / determinant
+        a, b = a - step_a, b - step_b
+        if not (np.abs(step_a) + np.abs(step_b) > 1e-15 * (1 + np.abs(a) + np.abs(b))).any():
+            break
+    return a, b

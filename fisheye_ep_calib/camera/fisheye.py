@@ -1,0 +1,255 @@
+"""The camera: a central lens r(θ), an entrance pupil E(θ) that moves along the axis, and a pixel grid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from fisheye_ep_calib.camera.extras import LENS_EXTRAS
+from fisheye_ep_calib.camera.incidence import PupilRange, pupil_range
+from fisheye_ep_calib.camera.lenses import LENSES, Lens, solve_angle
+from fisheye_ep_calib.camera.lenses.lens import increasing_limit
+from fisheye_ep_calib.camera.projection import project_coordinates
+from fisheye_ep_calib.camera.pupils import (
+    PUPIL_FAMILIES,
+    PupilFamily,
+    entrance_pupil,
+    entrance_pupil_derivative,
+)
+from fisheye_ep_calib.errors import InputError
+
+_PIXEL_PARAMETERS = ("fx", "fy", "skew", "cx", "cy")
+
+
+@dataclass(frozen=True)
+class FisheyeCamera:
+    """One camera. Frame: x right, y down, z forward along the optical axis; metres, radians, pixels.
+
+    image_size: (width, height). fx, fy, skew, cx, cy: pixels; (0, 0) is the centre of the top-left pixel.
+    radial: coefficients of the lens, r(θ). model: the pupil's family, a key of PUPIL_FAMILIES.
+    coefficients: of E(θ), metres; E is added to a point's z, so the pupil sits at z = −E(θ).
+    lens: a key of LENSES. extras: coefficients by name, for the keys of LENS_EXTRAS that are in use.
+    theta_max: rad; beyond it nothing is known and projections are marked invalid.
+    """
+
+    image_size: tuple[int, int]
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    skew: float = 0.0
+    radial: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    model: str = "kannala"
+    coefficients: tuple[float, ...] = ()
+    extras: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    lens: str = "kannala_brandt"
+    theta_max: float = np.pi
+
+    def __post_init__(self) -> None:
+        if self.model not in PUPIL_FAMILIES:
+            raise InputError(f"unknown model {self.model!r}; known: {', '.join(PUPIL_FAMILIES)}")
+        if self.lens not in LENSES:
+            raise InputError(f"unknown lens {self.lens!r}; known: {', '.join(LENSES)}")
+        if len(self.radial) != len(self.lens_model.coefficient_names):
+            raise InputError(f"{self.lens} takes {len(self.lens_model.coefficient_names)} radial coefficients")
+        if len(self.coefficients) > self.pupil_family.max_terms:
+            raise InputError(f"{self.model} takes at most {self.pupil_family.max_terms} pupil coefficients")
+        for name, values in self.extras.items():
+            if name not in LENS_EXTRAS or len(values) != len(LENS_EXTRAS[name].coefficient_names):
+                raise InputError(f"unknown lens extra {name!r} or wrong number of its coefficients")
+        if not np.isfinite(self.parameters).all():
+            raise InputError("camera parameters must be finite")
+        if self.fx <= 0 or self.fy <= 0 or not 0 < self.theta_max <= np.pi:
+            raise InputError("fx and fy must be positive and theta_max in (0, π]")
+
+    @property
+    def pupil_family(self) -> PupilFamily:
+        return PUPIL_FAMILIES[self.model]
+
+    @property
+    def lens_model(self) -> Lens:
+        return LENSES[self.lens]
+
+    @cached_property
+    def radial_array(self) -> np.ndarray:
+        return np.array(self.radial, dtype=float)
+
+    @cached_property
+    def coefficients_array(self) -> np.ndarray:
+        return np.array(self.coefficients, dtype=float)
+
+    @cached_property
+    def active_extras(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
+        """(name, coefficients) of the extras in use, in the order in which they are applied."""
+        return tuple((name, tuple(self.extras[name])) for name in LENS_EXTRAS if name in self.extras)
+
+    @cached_property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of ``parameters``: fx, fy, skew, cx, cy, the lens's, the extras' in use, e1, e2, …"""
+        names = list(_PIXEL_PARAMETERS) + list(self.lens_model.coefficient_names)
+        for name, _ in self.active_extras:
+            names += LENS_EXTRAS[name].coefficient_names
+        return tuple(names + [f"e{i + 1}" for i in range(len(self.coefficients))])
+
+    @cached_property
+    def _slices(self) -> dict[str, slice]:
+        blocks = [("pixels", 5), ("radial", len(self.radial))]
+        blocks += [(name, len(values)) for name, values in self.active_extras]
+        blocks.append(("coefficients", len(self.coefficients)))
+        slices, start = {}, 0
+        for name, size in blocks:
+            slices[name] = slice(start, start + size)
+            start += size
+        return slices
+
+    def parameter_slice(self, block: str) -> slice:
+        """Where "pixels", "radial", an extra in use or "coefficients" stand in ``parameters``."""
+        return self._slices[block]
+
+    @cached_property
+    def parameters(self) -> np.ndarray:
+        """All parameters (P,) in the order of ``parameter_names``."""
+        values = [self.fx, self.fy, self.skew, self.cx, self.cy, *self.radial]
+        for _, coefficients in self.active_extras:
+            values += coefficients
+        return np.array([*values, *self.coefficients], dtype=float)
+
+    def with_parameters(self, parameters: np.ndarray) -> FisheyeCamera:
+        """The same camera with other values (P,) in the order of ``parameter_names``."""
+        values = [float(value) for value in parameters]
+        blocks = {name: tuple(values[block]) for name, block in self._slices.items()}
+        fx, fy, skew, cx, cy = blocks["pixels"]
+        return replace(
+            self,
+            fx=fx,
+            fy=fy,
+            skew=skew,
+            cx=cx,
+            cy=cy,
+            radial=blocks["radial"],
+            extras={name: blocks[name] for name, _ in self.active_extras},
+            coefficients=blocks["coefficients"],
+        )
+
+    @cached_property
+    def theta_limit(self) -> float:
+        """Largest angle with a projection, rad: theta_max, or where r(θ) stops increasing."""
+        return increasing_limit(self.lens_model, self.radial_array, self.theta_max)
+
+    @cached_property
+    def pupil_bounds(self) -> PupilRange:
+        """Bounds of E(θ) up to theta_limit, the bracket of the implicit angle."""
+        return pupil_range(self.pupil_family, self.coefficients_array, self.theta_limit)
+
+    def entrance_pupil(self, theta) -> np.ndarray:
+        """E(θ), metres, shape of θ (rad). The pupil sits at z = −E(θ)."""
+        return entrance_pupil(self.pupil_family, np.asarray(theta, dtype=float), self.coefficients_array)
+
+    def entrance_pupil_derivative(self, theta) -> np.ndarray:
+        """dE/dθ, metres per radian, shape of θ."""
+        theta = np.asarray(theta, dtype=float)
+        return entrance_pupil_derivative(self.pupil_family, theta, self.coefficients_array)
+
+    def radius(self, theta) -> np.ndarray:
+        """r(θ) for unit focal length, shape of θ (rad)."""
+        return self.lens_model.radius(np.asarray(theta, dtype=float), self.radial_array)
+
+    def project(self, points) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels (..., 2) and validity (...) of points (..., 3) in the camera frame, metres.
+
+        valid: the point is outside the caustic, its angle below theta_max, and r(θ) still increases there.
+        Whether the pixel lies inside the image is not asked.
+        """
+        points = np.asarray(points, dtype=float)
+        found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.pupil_bounds)
+        return np.stack([found.u, found.v], axis=-1), found.valid
+
+    def project_with_jacobian(self, points) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """``project`` with ∂pixels/∂point (..., 2, 3) and ∂pixels/∂parameters (..., 2, P)."""
+        points = np.asarray(points, dtype=float)
+        found = project_coordinates(
+            self, points[..., 0], points[..., 1], points[..., 2], self.pupil_bounds, jacobian=True
+        )
+        d_point = np.moveaxis(found.d_point, (0, 1), (-2, -1))
+        d_parameters = np.moveaxis(found.d_parameters, (0, 1), (-2, -1))
+        return np.stack([found.u, found.v], axis=-1), found.valid, d_point, d_parameters
+
+    def incidence_angle(self, points) -> np.ndarray:
+        """θ (...), rad, of points (..., 3) in the camera frame, metres."""
+        points = np.asarray(points, dtype=float)
+        found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.pupil_bounds)
+        return found.theta
+
+    def _plane(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normalised plane coordinates before the extras, of pixels (..., 2)."""
+        plane_y = (pixels[..., 1] - self.cy) / self.fy
+        plane_x = (pixels[..., 0] - self.cx - self.skew * plane_y) / self.fx
+        for name, coefficients in reversed(self.active_extras):
+            plane_x, plane_y = LENS_EXTRAS[name].invert(plane_x, plane_y, coefficients)
+        return plane_x, plane_y
+
+    def unproject(self, pixels) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """One ray a pixel (..., 2): origins (..., 3) on the axis, metres, unit directions (..., 3), valid (...).
+
+        θ = r⁻¹(|m|), origin (0, 0, −E(θ)), direction (sinθ cosφ, sinθ sinφ, cosθ).
+        """
+        plane_x, plane_y = self._plane(np.asarray(pixels, dtype=float))
+        radius = np.hypot(plane_x, plane_y)
+        theta, valid = solve_angle(self.lens_model, radius, self.radial_array, self.theta_limit)
+        safe = np.where(radius > 0, radius, 1.0)
+        sine = np.sin(theta)
+        directions = np.stack(
+            [sine * np.where(radius > 0, plane_x / safe, 1.0), sine * plane_y / safe, np.cos(theta)], axis=-1
+        )
+        origins = np.zeros_like(directions)
+        origins[..., 2] = -self.entrance_pupil(theta)
+        return origins, directions, valid
+
+    def unproject_with_jacobian(self, pixels):
+        """``unproject`` with ∂origins/∂pixels and ∂directions/∂pixels, each (..., 3, 2).
+
+        With the plane point m = r (cosφ, sinφ): ∂θ/∂m = (cosφ, sinφ)/r′(θ), ∂φ/∂m = (−sinφ, cosφ)/r, and
+        ∂m/∂pixels the inverse of the pixel grid and the extras. On the axis sinθ/r → 1/r′(0).
+        """
+        pixels = np.asarray(pixels, dtype=float)
+        origins, directions, valid = self.unproject(pixels)
+        plane_x, plane_y = self._plane(pixels)
+        radius = np.hypot(plane_x, plane_y)
+        theta = np.arctan2(np.hypot(directions[..., 0], directions[..., 1]), directions[..., 2])
+        slope = self.lens_model.radius_derivative(theta, self.radial_array)
+        sine, cosine = np.sin(theta), np.cos(theta)
+        safe = np.where(radius > 0, radius, 1.0)
+        across = np.where(radius > 0, sine / safe, 1 / slope)
+        cos_phi = np.where(radius > 0, plane_x / safe, 1.0)
+        sin_phi = plane_y / safe
+        radial_row = np.stack([cos_phi, sin_phi], axis=-1)
+        tangent_row = np.stack([-sin_phi, cos_phi], axis=-1)
+        d_theta = radial_row / slope[..., None]
+        d_direction = np.stack(
+            [
+                (cosine * cos_phi)[..., None] * d_theta - (across * sin_phi)[..., None] * tangent_row,
+                (cosine * sin_phi)[..., None] * d_theta + (across * cos_phi)[..., None] * tangent_row,
+                -sine[..., None] * d_theta,
+            ],
+            axis=-2,
+        )
+        d_origin = np.zeros_like(d_direction)
+        d_origin[..., 2, :] = -self.entrance_pupil_derivative(theta)[..., None] * d_theta
+        d_plane = np.linalg.inv(self._pixel_from_plane(plane_x, plane_y))
+        return origins, directions, valid, d_origin @ d_plane, d_direction @ d_plane
+
+    def _pixel_from_plane(self, plane_x: np.ndarray, plane_y: np.ndarray) -> np.ndarray:
+        """∂pixels/∂m (..., 2, 2) at plane points before the extras."""
+        matrix = np.broadcast_to(np.eye(2), (*np.shape(plane_x), 2, 2))
+        for name, coefficients in self.active_extras:
+            plane, _ = LENS_EXTRAS[name].jacobian(plane_x, plane_y, coefficients)
+            step = np.stack(
+                [np.stack(np.broadcast_arrays(plane.xx, plane.xy), -1),
+                 np.stack(np.broadcast_arrays(plane.yx, plane.yy), -1)], -2
+            )
+            matrix = step @ matrix
+            plane_x, plane_y = LENS_EXTRAS[name].apply(plane_x, plane_y, coefficients)
+        return np.array([[self.fx, self.skew], [0.0, self.fy]]) @ matrix

@@ -1,0 +1,13 @@
+"""The one error hierarchy: the command line and the nodes turn each into one clear line."""
+
+
+class CalibrationError(Exception):
+    """A calibration that could not be made; the message says why and what to do next. Exit code 1."""
+
+    exit_code = 1
+
+
+class InputError(CalibrationError):
+    """Input that cannot be used: wrong arguments, an unreadable bag, file or message. Exit code 2."""
+
+    exit_code = 2

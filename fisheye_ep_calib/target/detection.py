@@ -1,0 +1,41 @@
+"""What a detector is and what it returns."""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+
+def _no_pixels() -> np.ndarray:
+    return np.empty((0, 2))
+
+
+@dataclass(frozen=True)
+class Detection:
+    """The target's features found in one image.
+
+    point_index (k,) int: rows of ``Target.object_points``, each at most once.
+    pixels (k, 2) float: measured positions; the centre of the top-left pixel is (0, 0).
+    reason: why nothing was found, in words a user understands; empty when something was found.
+    rejected (m, 2): candidates that were looked at and refused, for the overlay.
+    """
+
+    point_index: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
+    pixels: np.ndarray = field(default_factory=_no_pixels)
+    reason: str = ""
+    rejected: np.ndarray = field(default_factory=_no_pixels)
+
+    def __len__(self) -> int:
+        return len(self.point_index)
+
+
+class Detector(Protocol):
+    """Finds one target. Stateless between images, so that workers can share it."""
+
+    def detect(self, image: np.ndarray) -> Detection:
+        """Find the target in a grey image (h, w) uint8 with nothing known about the camera."""
+        ...
+
+    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+        """Find it again where a first calibration, a FisheyeCamera and a pose (4, 4), says it is."""
+        ...
