@@ -1,0 +1,56 @@
+"""The door to cv2.aruco, which not every OpenCV has."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from fisheye_ep_calib.errors import InputError
+
+DICTIONARY_NAMES = tuple(
+    [f"DICT_{n}X{n}_{count}" for n in (4, 5, 6, 7) for count in (50, 100, 250, 1000)]
+    + ["DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11"]
+)
+
+
+def require_aruco(what: str):
+    """The module cv2.aruco, or one line that says how to get it."""
+    module = getattr(cv2, "aruco", None)
+    if module is None or not hasattr(module, "ArucoDetector"):
+        raise InputError(
+            f"{what} needs cv2.aruco, which OpenCV {cv2.__version__} here lacks:"
+            " pip install 'opencv-python-headless>=4.7'"
+        )
+    return module
+
+
+def aruco_dictionary(name: str, what: str):
+    """One of OpenCV's predefined dictionaries by its name."""
+    module = require_aruco(what)
+    return module.getPredefinedDictionary(getattr(module, name))
+
+
+def marker_bits(dictionary, identities: np.ndarray, border: int) -> np.ndarray:
+    """The cells (n, m, m) of markers as printed, 1 white and 0 black, row by row, with ``border`` black cells around."""
+    module = require_aruco("a marker's picture")
+    side = dictionary.markerSize + 2 * border
+    pictures = [module.generateImageMarker(dictionary, int(i), side, borderBits=border) for i in identities]
+    return (np.array(pictures).reshape(len(identities), side, side) > 127).astype(np.uint8)
+
+
+def bits_as_quads(bits: np.ndarray, corners: np.ndarray, right: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """Black runs of cells as quadrilaterals (q, 4, 2), metres.
+
+    bits (n, m, m); corners (n, 2): where each marker's first cell begins; right, down (2,): one cell's steps along a
+    row of cells and from row to row. Runs along a row become one quadrilateral, so that a print shows no seams in them.
+    """
+    quads = []
+    for picture, corner in zip(bits, corners, strict=True):
+        padded = np.pad(picture == 0, ((0, 0), (1, 1))).astype(np.int8)
+        change = np.diff(padded, axis=1)
+        row, start = np.nonzero(change == 1)
+        stop = np.nonzero(change == -1)[1]
+        first = corner + row[:, None] * down + start[:, None] * right
+        last = corner + row[:, None] * down + stop[:, None] * right
+        quads.append(np.stack([first, last, last + down, first + down], axis=1))
+    return np.concatenate(quads) if quads else np.empty((0, 4, 2))

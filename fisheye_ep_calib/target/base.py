@@ -1,0 +1,68 @@
+"""What every target has in common."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fisheye_ep_calib.target.detection import Detector
+
+
+def _no_discs() -> np.ndarray:
+    return np.empty((0, 3))
+
+
+def _no_quads() -> np.ndarray:
+    return np.empty((0, 4, 2))
+
+
+@dataclass(frozen=True)
+class Artwork:
+    """What is printed, in the plane z = 0 of the target frame (metres), black on white, in painter's order.
+
+    low, high (2,): corners of the white board. quads (q, 4, 2): black quadrilaterals. discs (d, 3): black x, y, radius.
+    holes (h, 3): white x, y, radius, on top of the discs.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    quads: np.ndarray = field(default_factory=_no_quads)
+    discs: np.ndarray = field(default_factory=_no_discs)
+    holes: np.ndarray = field(default_factory=_no_discs)
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A flat calibration target.
+
+    name: the file's name, or what the file says. object_points (n, 3): metres, z = 0; x to the right and y down as one
+    looks at the print (an AprilGrid keeps Kalibr's frame, y up). disc_radius: metres where the features are the centres
+    of gravity of projected discs, else None.
+    """
+
+    name: str
+    object_points: np.ndarray
+    disc_radius: float | None
+
+    kind = "target"
+
+    def detector(self) -> Detector:
+        """A detector for this target; raises InputError where the machine lacks what it needs."""
+        raise NotImplementedError
+
+    def artwork(self) -> Artwork:
+        """What to print."""
+        raise NotImplementedError
+
+
+def bounding_board(points: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (2,), (2,) of the board around points (n, 2 or 3) with a margin in metres."""
+    return points[:, :2].min(axis=0) - margin, points[:, :2].max(axis=0) + margin
+
+
+def rectangular_grid(columns: int, rows: int, step_x: float, step_y: float) -> np.ndarray:
+    """Points (rows·columns, 3), row by row: index = row·columns + column, x = column·step_x, y = row·step_y."""
+    column, row = np.meshgrid(np.arange(columns), np.arange(rows))
+    points = np.stack([column * step_x, row * step_y, np.zeros_like(column, dtype=float)], axis=-1)
+    return points.reshape(-1, 3).astype(float)

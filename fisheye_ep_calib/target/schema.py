@@ -1,0 +1,81 @@
+"""Reading a target's keys with one clear line for whatever is wrong."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+
+from fisheye_ep_calib.errors import InputError
+
+LARGEST_COUNT = 500
+
+
+class Keys:
+    """The keys of one target file; every getter raises InputError naming the file and the key."""
+
+    def __init__(self, values: dict, source: str) -> None:
+        self._values = values
+        self.source = source
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def fail(self, key: str, problem: str) -> InputError:
+        return InputError(f"{self.source}: {key} {problem}")
+
+    def get(self, key: str, default=None):
+        return self._values.get(key, default)
+
+    def _need(self, key: str):
+        if self._values.get(key) is None:
+            raise self.fail(key, "is missing")
+        return self._values[key]
+
+    def count(self, key: str, least: int, default: int | None = None) -> int:
+        """A whole number from ``least`` to 500."""
+        value = default if default is not None and key not in self else self._need(key)
+        whole = isinstance(value, (int, float)) and not isinstance(value, bool) and float(value).is_integer()
+        if not whole or not least <= value <= LARGEST_COUNT:
+            raise self.fail(key, f"must be a whole number from {least} to {LARGEST_COUNT}, not {value!r}")
+        return int(value)
+
+    def positive(self, key: str) -> float:
+        """A finite number above zero."""
+        value = self._need(key)
+        try:
+            number = float(value) if not isinstance(value, bool) else math.nan
+        except (TypeError, ValueError):
+            number = math.nan
+        if not (math.isfinite(number) and number > 0):
+            raise self.fail(key, f"must be a positive number, not {value!r}")
+        return number
+
+    def metres(self, key: str) -> float:
+        """A length above zero; one of 50 m or more is taken for a slip in the unit."""
+        value = self.positive(key)
+        if value >= 50:
+            raise self.fail(key, f"is {value:g}; lengths are in metres")
+        return value
+
+    def flag(self, key: str, default: bool = False) -> bool:
+        value = self._values.get(key, default)
+        if value not in (True, False):
+            raise self.fail(key, f"must be true or false, not {value!r}")
+        return bool(value)
+
+    def text(self, key: str, default: str) -> str:
+        value = self._values.get(key, default)
+        if not isinstance(value, str) or not value:
+            raise self.fail(key, f"must be text, not {value!r}")
+        return value
+
+    def only(self, allowed: Iterable[str]) -> None:
+        """Refuse a key that nothing reads: it is usually a misspelt one."""
+        allowed = sorted(allowed)
+        for key in self._values:
+            if key in allowed:
+                continue
+            near = difflib.get_close_matches(str(key), allowed, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(allowed)}"
+            raise InputError(f"{self.source}: unknown key {key}; {hint}")
