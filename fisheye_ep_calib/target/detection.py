@@ -39,3 +39,20 @@ class Detector(Protocol):
     def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
         """Find it again where a first calibration, a FisheyeCamera and a pose (4, 4), says it is."""
         ...
+
+
+LONGEST_SIDE = 20000
+
+
+def check_image(image: np.ndarray) -> str:
+    """Why nothing can be found in this image, or an empty string. Spends nothing on an image that holds nothing."""
+    if image.ndim != 2 or image.dtype != np.uint8:
+        return "not a grey 8-bit image"
+    if min(image.shape) < 16:
+        return "image too small"
+    if max(image.shape) > LONGEST_SIDE:
+        return "image too large"
+    sample = image[:: max(1, image.shape[0] // 256), :: max(1, image.shape[1] // 256)]
+    if int(sample.max()) - int(sample.min()) < 8:
+        return "image without contrast"
+    return ""

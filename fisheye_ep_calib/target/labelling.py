@@ -1,0 +1,134 @@
+"""Which point of the target is which: a patch of lattice found in an image is laid onto the target's own lattice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import fftconvolve
+
+# The four rotations of a square lattice; a reflection would mean looking at the board from behind.
+ROTATIONS = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]])
+HALO = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+
+
+@dataclass(frozen=True)
+class Labels:
+    """point_index (k,): the target's point for each point of the patch, -1 where the target has none there."""
+
+    point_index: np.ndarray
+
+    @property
+    def known(self) -> np.ndarray:
+        return self.point_index >= 0
+
+
+@dataclass(frozen=True)
+class _Placement:
+    rotation: np.ndarray
+    shift: np.ndarray
+
+    def __call__(self, cells: np.ndarray) -> np.ndarray:
+        return cells @ self.rotation.T + self.shift
+
+
+def label_patch(
+    cells: np.ndarray,
+    pixels: np.ndarray,
+    lattice: np.ndarray,
+    allowed: Callable[[_Placement], float] | None = None,
+    is_plain: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> Labels:
+    """Lay a patch onto the target's lattice.
+
+    cells (k, 2) int: the patch's lattice coordinates, of the handedness of (u, v). pixels (k, 2). lattice (n, 2) int: the
+    target's. allowed: marks a placement by what the image says of identity (colours, holes); higher is better, −inf is
+    impossible. is_plain(pixels (m, 2), scale (m,)): whether the image is plain board there, m sites next to the patch.
+
+    The most points win, then identity, then the placement that expects no feature where the image shows plain board.
+    What is still ambiguous is settled by the target's x axis pointing to the right in the image.
+    """
+    low = lattice.min(axis=0)
+    table = np.full(lattice.max(axis=0) - low + 1, -1)
+    table[tuple((lattice - low).T)] = np.arange(len(lattice))
+    placements, overlap = _overlaps(cells, table >= 0, low)
+    best = max(overlap, default=0)
+    if best == 0:
+        return Labels(np.full(len(cells), -1))
+    plain = _plain_sites(cells, pixels, is_plain)
+    ranked = []
+    for placement, count in zip(placements, overlap, strict=True):
+        if count < best:
+            continue
+        identity = allowed(placement) if allowed else 0.0
+        if np.isneginf(identity):
+            continue
+        contradictions = int((_look_up(table, placement(plain) - low) >= 0).sum())
+        ranked.append((identity, -contradictions, _rightward(cells, pixels, placement), placement))
+    if not ranked:
+        return Labels(np.full(len(cells), -1))
+    placement = max(ranked, key=lambda entry: entry[:3])[3]
+    return Labels(_look_up(table, placement(cells) - low))
+
+
+def _look_up(table: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    inside = ((cells >= 0) & (cells < table.shape)).all(axis=-1)
+    clipped = np.clip(cells, 0, np.array(table.shape) - 1)
+    return np.where(inside, table[tuple(clipped.T)], -1)
+
+
+def _overlaps(cells: np.ndarray, mask: np.ndarray, low: np.ndarray) -> tuple[list[_Placement], list[int]]:
+    """Every rotation and shift with the number of the patch's cells that fall on the target."""
+    placements, counts = [], []
+    for rotation in ROTATIONS:
+        turned = cells @ rotation.T
+        corner = turned.min(axis=0)
+        patch = np.zeros(turned.max(axis=0) - corner + 1)
+        patch[tuple((turned - corner).T)] = 1
+        # Correlation: overlap[s] counts cells c with mask[c - corner + s - (patch.shape - 1)].
+        overlap = np.rint(fftconvolve(mask.astype(float), patch[::-1, ::-1], mode="full")).astype(int)
+        for index in np.argwhere(overlap == overlap.max()):
+            shift = index - (np.array(patch.shape) - 1) - corner + low
+            placements.append(_Placement(rotation, shift))
+            counts.append(int(overlap.max()))
+    return placements, counts
+
+
+def _rightward(cells: np.ndarray, pixels: np.ndarray, placement: _Placement) -> float:
+    """How far to the right the target's x axis points in the image, −1 to 1."""
+    moved = placement(cells).astype(float)
+    design = np.column_stack([moved, np.ones(len(moved))])
+    step = np.linalg.lstsq(design, pixels, rcond=None)[0][0]
+    return round(float(step[0] / max(np.hypot(*step), 1e-9)), 6)
+
+
+def _plain_sites(cells, pixels, is_plain) -> np.ndarray:
+    """Lattice sites beside the patch where the image shows plain board, so that no feature can be there."""
+    if is_plain is None:
+        return np.empty((0, 2), dtype=int)
+    sites, where, scale = extrapolate_halo(cells, pixels)
+    return sites[is_plain(where, scale)] if len(sites) else sites
+
+
+def extrapolate_halo(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sites beside a patch, (m, 2) int, where they should lie in the image (m, 2), and the pitch there (m,) in pixels.
+
+    Each is predicted along the lattice line through it: linearly from two points, with the curvature from three.
+    """
+    at = {tuple(cell): pixel for cell, pixel in zip(cells.tolist(), pixels, strict=True)}
+    found: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}
+    for cell, near in at.items():
+        for step in HALO.tolist():
+            site = (cell[0] + step[0], cell[1] + step[1])
+            second = at.get((cell[0] - step[0], cell[1] - step[1]))
+            if site in at or second is None:
+                continue
+            third = at.get((cell[0] - 2 * step[0], cell[1] - 2 * step[1]))
+            guess = 2 * near - second if third is None else 3 * near - 3 * second + third
+            found.setdefault(site, []).append((guess, float(np.hypot(*(guess - near)))))
+    sites = np.array(list(found), dtype=int).reshape(-1, 2)
+    guesses = list(found.values())
+    where = np.array([np.mean([g for g, _ in guess], axis=0) for guess in guesses]).reshape(-1, 2)
+    scale = np.array([min(s for _, s in guess) for guess in guesses])
+    return sites, where, scale
