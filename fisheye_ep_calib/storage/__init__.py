@@ -1,1 +1,1 @@
-"""Bags, image folders, observation files and camera files: everything that is read from or written to disk."""
+"""Bags, image folders, observation files and camera files: all that is read from or written to disk."""

@@ -1,4 +1,4 @@
-"""Observation files (.npz): detected points on disk, so that a calibration can be repeated without its images."""
+"""Observation files (.npz): detected points on disk, to calibrate again without the images."""
 
 from __future__ import annotations
 
@@ -73,7 +73,9 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"{path} cannot be read: {error}") from None
     missing = [key for key in REQUIRED if key not in arrays]
     if missing:
-        raise InputError(f"{path} has no {', '.join(missing)}; an observation file needs {', '.join(REQUIRED)}")
+        raise InputError(
+            f"{path} has no {', '.join(missing)}; an observation file needs {', '.join(REQUIRED)}"
+        )
     return arrays
 
 
@@ -151,7 +153,8 @@ def _texts(array: np.ndarray | None, key: str) -> tuple[str, ...] | None:
         return None
     if array.ndim != 1 or array.dtype.kind not in "USiu":
         raise InputError(f"{key} must be a list of names, one an image")
-    return tuple(_text(np.asarray(value).astype(str) if array.dtype.kind in "iu" else value) for value in array)
+    names = array.astype(np.str_) if array.dtype.kind in "iu" else array
+    return tuple(_text(name) for name in names)
 
 
 def _real_numbers(array: np.ndarray, key: str) -> np.ndarray:

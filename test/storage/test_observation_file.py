@@ -97,7 +97,7 @@ def test_what_is_saved_is_read_back_exactly(tmp_path, disc_radius, split):
         ({"split": np.array(["a"])}, "split"),
         ({"disc_radius": np.array(-1.0)}, "disc_radius"),
         ({"disc_radius": np.array([1.0, 2])}, "disc_radius"),
-        ({"image_index": np.empty(0), "point_index": np.empty(0), "pixels": np.empty((0, 2))}, "no observations"),
+        (dict(image_index=np.empty(0), point_index=np.empty(0), pixels=np.empty((0, 2))), "no observations"),
     ],
 )
 def test_one_line_says_what_is_wrong(tmp_path, changes, said):

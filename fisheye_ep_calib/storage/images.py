@@ -1,0 +1,149 @@
+"""Image messages, compressed image messages and image files → grey images (h, w) uint8.
+
+A message is anything with the attributes of sensor_msgs/Image or sensor_msgs/CompressedImage: those of rclpy
+and of rosbags alike. What a header declares is checked before anything is allocated or decoded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.image_header import check_size, declared_size
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How an encoding lays out its pixels.
+
+    depth: bits a sample, 8 or 16. channels: samples a pixel in a row of ``step`` bytes.
+    to_grey: OpenCV's conversion code; None where the first plane is the grey image.
+    rows: rows of ``step`` bytes for one row of the image (more than 1 where colour planes follow).
+    """
+
+    depth: int
+    channels: int
+    to_grey: int | None = None
+    rows: float = 1.0
+
+
+# sensor_msgs names a Bayer pattern by its first two pixels, OpenCV by the second row's second and third.
+BAYER_TO_GREY = {
+    "rggb": cv2.COLOR_BayerBG2GRAY,
+    "bggr": cv2.COLOR_BayerRG2GRAY,
+    "gbrg": cv2.COLOR_BayerGR2GRAY,
+    "grbg": cv2.COLOR_BayerGB2GRAY,
+}
+
+LAYOUTS = {
+    "uyvy": _Layout(8, 2, cv2.COLOR_YUV2GRAY_UYVY),
+    "yuyv": _Layout(8, 2, cv2.COLOR_YUV2GRAY_YUY2),
+    "nv12": _Layout(8, 1, rows=1.5),
+    "nv21": _Layout(8, 1, rows=1.5),
+    "nv24": _Layout(8, 1, rows=3.0),
+}
+LAYOUTS["yuv422"] = LAYOUTS["uyvy"]
+LAYOUTS["yuv422_yuy2"] = LAYOUTS["yuyv"]
+for _depth in (8, 16):
+    LAYOUTS[f"mono{_depth}"] = LAYOUTS[f"{_depth}uc1"] = LAYOUTS[f"{_depth}uc"] = _Layout(_depth, 1)
+    LAYOUTS[f"rgb{_depth}"] = _Layout(_depth, 3, cv2.COLOR_RGB2GRAY)
+    LAYOUTS[f"bgr{_depth}"] = LAYOUTS[f"{_depth}uc3"] = _Layout(_depth, 3, cv2.COLOR_BGR2GRAY)
+    LAYOUTS[f"rgba{_depth}"] = _Layout(_depth, 4, cv2.COLOR_RGBA2GRAY)
+    LAYOUTS[f"bgra{_depth}"] = LAYOUTS[f"{_depth}uc4"] = _Layout(_depth, 4, cv2.COLOR_BGRA2GRAY)
+    for _pattern, _code in BAYER_TO_GREY.items():
+        LAYOUTS[f"bayer_{_pattern}{_depth}"] = _Layout(_depth, 1, _code)
+
+
+def decode_image(message) -> np.ndarray:
+    """sensor_msgs/Image → grey (h, w) uint8; a view of the message's data where that is grey already.
+
+    16-bit samples are scaled by the power of two that holds the brightest, because cameras of 10 and 12 bits
+    fill 16-bit messages without shifting. Raises InputError.
+    """
+    layout = LAYOUTS.get(str(message.encoding).strip().lower())
+    if layout is None:
+        raise InputError(f"the image's encoding is {_short(message.encoding)!r}, which cannot be read")
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    check_size(width, height)
+    if layout.channels == 2 and width % 2:
+        raise InputError(f"an image of encoding {message.encoding} cannot have an odd width ({width})")
+    row_bytes = width * layout.channels * layout.depth // 8
+    if step < row_bytes:
+        raise InputError(f"the image's step is {step} bytes, but a row of {width} pixels takes {row_bytes}")
+    data = _as_bytes(message.data)
+    rows = int(height * layout.rows)
+    if len(data) != rows * step:
+        raise InputError(
+            f"the image's header says {rows} rows × {step} bytes = {rows * step}, but there are {len(data)}"
+        )
+    samples = data.reshape(rows, step)[:height, :row_bytes]
+    if layout.depth == 16:
+        samples = np.ascontiguousarray(samples).view(">u2" if message.is_bigendian else "<u2")
+        samples = samples.astype(np.uint16, copy=False)
+    if layout.channels > 1:
+        samples = samples.reshape(height, width, layout.channels)
+    return _to_eight_bits(_to_grey(samples, layout.to_grey))
+
+
+def decode_compressed(message) -> np.ndarray:
+    """sensor_msgs/CompressedImage (JPEG or PNG, whatever its ``format`` says) → grey (h, w) uint8."""
+    return decode_file_content(_as_bytes(message.data))
+
+
+def decode_file_content(content: bytes | np.ndarray) -> np.ndarray:
+    """The content of a PNG, JPEG, BMP or TIFF file → grey (h, w) uint8. Raises InputError."""
+    data = np.frombuffer(content, dtype=np.uint8)
+    width, height = declared_size(data.data)
+    try:
+        # Pixels as they are stored: a rotation in the EXIF block is for viewers, not for the sensor.
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    except (cv2.error, MemoryError):
+        image = None
+    if image is None:
+        raise InputError("the compressed image cannot be decoded")
+    if image.shape[:2] != (height, width):
+        raise InputError(f"the compressed image declares {width}×{height} and holds another size")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"the compressed image holds samples of type {image.dtype}, not 8 or 16 bits")
+    codes = {1: None, 3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    if channels not in codes:
+        raise InputError(f"the compressed image has {channels} channels")
+    return _to_eight_bits(_to_grey(image.reshape(height, width, -1), codes[channels]))
+
+
+def _to_grey(samples: np.ndarray, code: int | None) -> np.ndarray:
+    if code is None:
+        return samples.reshape(samples.shape[:2])
+    try:
+        return cv2.cvtColor(samples, code)
+    except cv2.error:
+        raise InputError(
+            f"an image of {samples.shape[1]}×{samples.shape[0]} pixels cannot be converted"
+        ) from None
+
+
+def _to_eight_bits(grey: np.ndarray) -> np.ndarray:
+    if grey.dtype == np.uint8:
+        return grey
+    shift = max(0, int(grey.max()).bit_length() - 8)
+    return (grey >> shift).astype(np.uint8)
+
+
+def _as_bytes(data) -> np.ndarray:
+    """Bytes, a memoryview, an array.array or an array of uint8 without a copy; a list of numbers with one."""
+    try:
+        if isinstance(data, list | tuple):
+            data = bytes(data)
+        return np.frombuffer(data, dtype=np.uint8)
+    except (TypeError, ValueError, BufferError):
+        raise InputError("the image's data is not a sequence of bytes") from None
+
+
+def _short(text) -> str:
+    """A name from a message, fit to stand in one line."""
+    text = "".join(character if character.isprintable() else "?" for character in str(text))
+    return text if len(text) <= 40 else text[:40] + "…"
