@@ -1,4 +1,4 @@
-"""Installed by pip (offline work without ROS, or with the extra [ros]) and by colcon as an ament_python package."""
+"""Installed by pip (without ROS, or with the extra [ros]) and by colcon as an ament_python package."""
 
 from glob import glob
 
@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 
 NAME = "fisheye_ep_calib"
 
-# calib-targets ships wheels for these machines only; elsewhere chessboards fall back to OpenCV's whole-board detector.
+# calib-targets has wheels for these machines only; elsewhere OpenCV's whole-board detector finds chessboards.
 HAS_CALIB_TARGETS = (
     "(platform_system == 'Linux' and platform_machine == 'x86_64')"
     " or (platform_system == 'Darwin' and platform_machine == 'arm64')"

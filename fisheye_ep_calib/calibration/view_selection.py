@@ -1,4 +1,4 @@
-"""Which views of a target are worth keeping: those that show it where, as large as, or as tilted as no kept view does.
+"""Which views of a target are worth keeping: those that add a new position, size or tilt.
 
 Nothing is known about the camera yet, so a view is described by what its pixels alone say.
 """
@@ -20,8 +20,8 @@ class ViewSignature:
 
     position (2,): centre of the visible points, in fractions of the image's width and height.
     size: log2 of the local scale in image heights a metre; one more is a board at half the distance.
-    tilt (4,): foreshortening as an axis (log2 of the ratio of the scales along and across it, in doubled-angle
-        form) and as a direction (log2 of the scale's change over the board: which side is nearer).
+    tilt (4,): foreshortening as an axis (log2 of the ratio of the scales along and across it,
+        in doubled-angle form) and as a direction (log2 of the scale's change over the board: the near side).
     """
 
     position: np.ndarray
@@ -43,10 +43,11 @@ def view_signature(
 ) -> ViewSignature | None:
     """Signature of a view from its visible points (n, 2 or 3) m, of a flat board, and their pixels (n, 2).
 
-    A quadratic map  pixel(x) = a + A x + [x^T Q_u x, x^T Q_v x]  is fitted about the visible points' centre by linear
-    least squares. With the singular values s1 >= s2 of A and the unit image axis w of s2: size = log2 sqrt(s1 s2),
-    foreshortening log2(s1/s2) along w. The gradient of log2 |det dpixel/dx| by image position, A^-T d/dx, times the
-    board's extent in pixels is the direction. None where the points are too few or lie on a line.
+    A quadratic map  pixel(x) = a + A x + [x^T Q_u x, x^T Q_v x]  is fitted about the visible points' centre
+    by linear least squares. With the singular values s1 >= s2 of A and the unit image axis w of s2:
+    size = log2 sqrt(s1 s2), foreshortening = log2(s1/s2) along w. The direction is the gradient of
+    log2 |det dpixel/dx| by image position, A^-T d/dx, times the board's extent in pixels.
+    None where the points are too few or lie on a line.
     """
     if len(pixels) < MINIMUM_POINTS:
         return None

@@ -1,4 +1,4 @@
-"""Views are told apart by where, how large and how tilted the board appears, not by how its points are numbered."""
+"""Views are told apart by where, how large and how tilted the board appears, not by its numbering."""
 
 from __future__ import annotations
 

@@ -1,0 +1,118 @@
+"""Shares a few worker processes between cameras: each one's newest frame in turn, calibrations beside."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.live.worker_process import WorkerProcess
+
+
+@dataclass(frozen=True)
+class Task:
+    """Work for a worker process.
+
+    function: importable by name. arguments: made when the work starts, so that they are the latest.
+    done: called with (result, None) or (None, error), on a thread of the pool.
+    """
+
+    function: Callable[..., Any]
+    arguments: Callable[[], tuple]
+    done: Callable[[Any, CalibrationError | None], None]
+
+
+class WorkPool:
+    """Worker processes behind two queues.
+
+    Frames: at most one waits for each camera, the newest; cameras take turns, so that a flood starves none.
+    Jobs (calibrations): first come, first served; with more than one worker, one is always left for frames.
+    """
+
+    def __init__(self, workers: int, on_error: Callable[[str], None]) -> None:
+        """on_error: told in one line when a ``done`` failed; nothing that happens in a task ends the pool."""
+        self._on_error = on_error
+        self._frames: OrderedDict[str, Task] = OrderedDict()
+        self._jobs: deque[Task] = deque()
+        self._jobs_running = 0
+        self._job_limit = max(1, workers - 1)
+        self._stopped = False
+        self._changed = threading.Condition()
+        self._processes = [WorkerProcess() for _ in range(workers)]
+        self._threads = [
+            threading.Thread(target=self._work, args=(process,), daemon=True, name=f"worker {number}")
+            for number, process in enumerate(self._processes)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def offer_frame(self, camera: str, task: Task) -> bool:
+        """Queue the camera's newest frame; True where it replaced one that nobody had looked at."""
+        with self._changed:
+            replaced = camera in self._frames
+            self._frames[camera] = task  # a replaced frame keeps its place in the turn
+            self._changed.notify()
+        return replaced
+
+    def queue_job(self, task: Task) -> None:
+        with self._changed:
+            self._jobs.append(task)
+            self._changed.notify()
+
+    def stop(self, timeout: float = 1.0) -> None:
+        """Drop what waits and end the workers, whatever they are doing."""
+        with self._changed:
+            self._stopped = True
+            self._frames.clear()
+            self._jobs.clear()
+            self._changed.notify_all()
+        for process in self._processes:
+            process.close()
+        for thread in self._threads:
+            thread.join(timeout)
+
+    def _work(self, process: WorkerProcess) -> None:
+        with contextlib.suppress(CalibrationError):
+            process.start()
+        while (taken := self._take()) is not None:
+            task, is_job = taken
+            result, error = _run(process, task)
+            if is_job:
+                self._job_ended()
+            if self._stopped:
+                break
+            try:
+                task.done(result, error)
+            except Exception as failure:
+                self._on_error(f"{type(failure).__name__}: {failure}")
+        process.close()
+
+    def _take(self) -> tuple[Task, bool] | None:
+        """The next task and whether it is a job; None once stopped."""
+        with self._changed:
+            while not self._stopped:
+                if self._jobs and self._jobs_running < self._job_limit:
+                    self._jobs_running += 1
+                    return self._jobs.popleft(), True
+                if self._frames:
+                    return self._frames.popitem(last=False)[1], False
+                self._changed.wait()
+        return None
+
+    def _job_ended(self) -> None:
+        with self._changed:
+            self._jobs_running -= 1
+            self._changed.notify()
+
+
+def _run(process: WorkerProcess, task: Task) -> tuple[Any, CalibrationError | None]:
+    try:
+        return process.run(task.function, *task.arguments()), None
+    except CalibrationError as error:
+        return None, error
+    except Exception as error:
+        return None, CalibrationError(f"{type(error).__name__}: {error}")

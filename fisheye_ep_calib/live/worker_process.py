@@ -1,0 +1,132 @@
+"""A child process that runs functions, so that heavy work never holds up the process that receives images."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
+from typing import Any
+
+from fisheye_ep_calib.errors import CalibrationError
+
+# Several workers share the cores: each keeps to one, whatever the numerical libraries would take.
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+_starting = threading.Lock()
+
+
+class WorkerProcess:
+    """One child process, started again at the next call after it has died."""
+
+    def __init__(self, niceness: int = 5) -> None:
+        """niceness: how far the child stands back from the programs that drive the cameras."""
+        self._niceness = niceness
+        self._lock = threading.Lock()
+        self._closed = False
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._connection: Connection | None = None
+
+    def start(self) -> Connection:
+        """Start the child unless it runs; its imports take a while, so do it early."""
+        with self._lock:
+            if self._closed:
+                raise CalibrationError("the workers are stopped")
+            if self._connection is None:
+                self._process, self._connection = _start(self._niceness)
+            return self._connection
+
+    def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Result of ``function(*arguments)`` in the child; its exception is raised here.
+
+        Raises CalibrationError where the child died under the work.
+        """
+        try:
+            connection = self.start()
+            connection.send((function, arguments))
+            succeeded, result = connection.recv()
+        except (EOFError, OSError):
+            code = self._discard()
+            raise CalibrationError(f"a worker process ended unexpectedly (exit code {code})") from None
+        if not succeeded:
+            raise result
+        return result
+
+    def close(self) -> None:
+        """End the child at once and for good, whatever it is doing; safe from any thread."""
+        with self._lock:
+            self._closed = True
+        self._discard()
+
+    def _discard(self) -> int | None:
+        """Drop the child, dead or alive; its exit code."""
+        with self._lock:
+            process, self._process = self._process, None
+            connection, self._connection = self._connection, None
+        if process is None or connection is None:
+            return None
+        process.join(timeout=0.1)
+        process.kill()
+        process.join(timeout=1.0)
+        connection.close()
+        return process.exitcode
+
+
+def _start(niceness: int) -> tuple[multiprocessing.process.BaseProcess, Connection]:
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(theirs, niceness), daemon=True)
+    with _starting, _environment(ONE_THREAD), _interrupt_blocked():
+        process.start()
+    theirs.close()
+    return process, ours
+
+
+@contextlib.contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def _interrupt_blocked() -> Iterator[None]:
+    """A child inherits the blocked signal: Ctrl-C in the terminal is the parent's to handle."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _serve(connection: Connection, niceness: int) -> None:
+    """The child's life: run what arrives until the parent is gone."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    os.nice(niceness)
+    while True:
+        try:
+            function, arguments = connection.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            reply = (True, function(*arguments))
+        except CalibrationError as error:
+            reply = (False, error)
+        except Exception as error:  # one bad frame must not end the worker
+            reply = (False, CalibrationError(f"{type(error).__name__}: {error}"))
+        try:
+            connection.send(reply)
+        except (BrokenPipeError, ConnectionResetError):
+            return
