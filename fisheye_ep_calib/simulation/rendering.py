@@ -1,0 +1,166 @@
+"""Images of a target through a fisheye camera with an entrance pupil: each pixel along its own ray."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.simulation.patterns import Pattern, pattern
+from fisheye_ep_calib.simulation.rays import Window, board_window, pixel_rays, plane_points
+from fisheye_ep_calib.target import Target
+
+_SAMPLES, _STRIDE = 233, 144  # a Fibonacci lattice: no line through a pixel passes many of its samples at once
+_PIXELS_AT_ONCE = 16384
+
+
+@dataclass(frozen=True)
+class Imaging:
+    """Everything about an image that is not geometry. Grey levels are 0..255.
+
+    black, white: grey levels of the print. background: grey level behind the board (outside the field of view: 0).
+    texture: peak grey-level amplitude of random structure in the background.
+    blur: σ of the Gaussian point spread, pixels. noise: σ of the sensor noise, grey levels.
+    vignetting: fraction of the light lost at the image corner, falling with the square of the radius.
+    shading: relative change of illumination from the board's middle to its corner, along shading_angle (rad).
+    occluders: polygons (k, 2) in pixels, drawn over the board with the grey level occluder.
+    seed: of noise and texture.
+    """
+
+    black: float = 25.0
+    white: float = 225.0
+    background: float = 110.0
+    texture: float = 0.0
+    blur: float = 0.0
+    noise: float = 0.0
+    vignetting: float = 0.0
+    shading: float = 0.0
+    shading_angle: float = 0.0
+    occluders: tuple[np.ndarray, ...] = ()
+    occluder: float = 70.0
+    seed: int = 0
+
+
+PLAIN = Imaging()
+
+
+def render(
+    camera: FisheyeCamera, target: Target, camera_from_target: np.ndarray, imaging: Imaging = PLAIN
+) -> np.ndarray:
+    """Image (h, w) uint8 of a target at a pose (4, 4).
+
+    Pixels that an edge of the print crosses are averaged over 233 samples of their area, so that the
+    grey-weighted centre of gravity of a disc is right to one or two thousandths of a pixel; all others take one.
+    """
+    printed = pattern(target)
+    image = _background(camera, imaging)
+    window = board_window(camera, printed, camera_from_target)
+    left, top, right, bottom = window
+    if right > left and bottom > top:
+        grey, coverage = _board(camera, printed, camera_from_target, window, imaging)
+        area = image[top:bottom, left:right]
+        area += coverage * (grey - area)
+    for polygon in imaging.occluders:
+        _fill(image, polygon, imaging.occluder)
+    return _expose(image, imaging)
+
+
+def visible_mask(imaging: Imaging, image_size: tuple[int, int]) -> np.ndarray:
+    """Mask (h, w) bool of the pixels that no occluder touches."""
+    hidden = np.zeros((image_size[1], image_size[0]), np.float32)
+    for polygon in imaging.occluders:
+        _fill(hidden, polygon, 1.0)
+    return hidden == 0
+
+
+def _background(camera: FisheyeCamera, imaging: Imaging) -> np.ndarray:
+    """What is behind the board, (h, w) float32."""
+    width, height = camera.image_size
+    image = np.full((height, width), imaging.background, np.float32)
+    if imaging.texture > 0:
+        rng = np.random.default_rng([imaging.seed, 1])
+        for cells in (12, 40, 150):
+            coarse = rng.uniform(-1, 1, (cells, cells)).astype(np.float32)
+            image += imaging.texture / 2 * cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
+    seen = np.isfinite(pixel_rays(camera).directions[1:-1, 1:-1, 2])
+    return np.where(seen, np.maximum(image, 0), np.float32(0))
+
+
+def _board(
+    camera: FisheyeCamera, printed: Pattern, camera_from_target: np.ndarray, window: Window, imaging: Imaging
+) -> tuple[np.ndarray, np.ndarray]:
+    """Grey level and coverage 0..1 of the board in a window of the image, each (h, w) float32."""
+    x, y = plane_points(pixel_rays(camera), camera_from_target, window, printed.faces)
+    x_u, x_v, y_u, y_v = *_slopes(x), *_slopes(y)
+    x, y = x[1:-1, 1:-1], y[1:-1, 1:-1]
+    reach_x, reach_y = 0.5 * (np.abs(x_u) + np.abs(x_v)), 0.5 * (np.abs(y_u) + np.abs(y_v))
+    low, high = printed.low, printed.high
+    rows, columns = np.nonzero(
+        (x > low[0] - reach_x) & (x < high[0] + reach_x) & (y > low[1] - reach_y) & (y < high[1] + reach_y)
+    )
+    x, y = x[rows, columns], y[rows, columns]
+    light = printed.white(x, y).astype(np.float32)
+    covered = printed.on_board(x, y).astype(np.float32)
+    (mixed,) = np.nonzero(printed.has_edge(x, y, reach_x[rows, columns], reach_y[rows, columns]))
+    slopes = np.stack([slope[rows[mixed], columns[mixed]] for slope in (x_u, x_v, y_u, y_v)])
+    for first in range(0, len(mixed), _PIXELS_AT_ONCE):
+        part = mixed[first : first + _PIXELS_AT_ONCE]
+        slope = slopes[:, first : first + _PIXELS_AT_ONCE]
+        light[part], covered[part] = _average(printed, x[part], y[part], slope)
+    light *= _illumination(x, y, printed, imaging)
+    grey, coverage = np.zeros(reach_x.shape, np.float32), np.zeros(reach_x.shape, np.float32)
+    grey[rows, columns] = imaging.black + (imaging.white - imaging.black) * light
+    coverage[rows, columns] = covered
+    return grey, coverage
+
+
+def _slopes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Central differences along columns and rows of an array with a border of one, border removed."""
+    along_u = 0.5 * (values[1:-1, 2:] - values[1:-1, :-2])
+    along_v = 0.5 * (values[2:, 1:-1] - values[:-2, 1:-1])
+    return along_u, along_v
+
+
+def _average(
+    printed: Pattern, x: np.ndarray, y: np.ndarray, slopes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """White share of the covered part of n pixels, and that part's share. x, y (n,), slopes (4, n)."""
+    index = np.arange(_SAMPLES, dtype=np.float32)[:, None]
+    du = (index + 0.5) / _SAMPLES - 0.5
+    dv = (index * _STRIDE % _SAMPLES + 0.5) / _SAMPLES - 0.5
+    sample_x = x + slopes[0] * du + slopes[1] * dv
+    sample_y = y + slopes[2] * du + slopes[3] * dv
+    inside = printed.on_board(sample_x, sample_y)
+    count = inside.sum(axis=0)
+    white = (printed.white(sample_x, sample_y) & inside).sum(axis=0)
+    return (white / np.maximum(count, 1)).astype(np.float32), (count / _SAMPLES).astype(np.float32)
+
+
+def _illumination(x: np.ndarray, y: np.ndarray, printed: Pattern, imaging: Imaging) -> np.ndarray:
+    """Relative illumination of points on the board: a linear ramp, 1 in the middle."""
+    half, middle = (printed.high - printed.low) / 2, (printed.high + printed.low) / 2
+    along_x = np.cos(imaging.shading_angle) * (x - middle[0])
+    along_y = np.sin(imaging.shading_angle) * (y - middle[1])
+    return (1 + imaging.shading / np.hypot(*half) * (along_x + along_y)).astype(np.float32)
+
+
+def _fill(image: np.ndarray, polygon: np.ndarray, value: float) -> None:
+    """Draw a filled polygon (k, 2), pixels, into a float image."""
+    cv2.fillPoly(image, [np.round(np.asarray(polygon) * 16).astype(np.int32)], float(value), shift=4)
+
+
+def _expose(image: np.ndarray, imaging: Imaging) -> np.ndarray:
+    """Vignetting, blur, noise and rounding to uint8."""
+    height, width = image.shape
+    if imaging.vignetting > 0:
+        u = (np.arange(width, dtype=np.float32) / (width - 1) * 2 - 1) ** 2
+        v = (np.arange(height, dtype=np.float32) / (height - 1) * 2 - 1) ** 2
+        image = image * (1 - np.float32(imaging.vignetting / 2) * (u + v[:, None]))
+    if imaging.blur > 0:
+        image = cv2.GaussianBlur(image, (0, 0), imaging.blur)
+    if imaging.noise > 0:
+        rng = np.random.default_rng([imaging.seed, 2])
+        image = image + np.float32(imaging.noise) * rng.standard_normal(image.shape, np.float32)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
