@@ -44,7 +44,7 @@ class ChessboardDetector:
         cells, pixels = self._find(image)
         if len(cells) == 0:
             return Detection(reason="board not found")
-        reach = 0.4 * _local_pitch(cells, pixels)
+        reach = 0.3 * _local_pitch(cells, pixels)
         refined, good = refine_corners(image, pixels, reach)
         good &= _regular(cells, refined)
         rejected = pixels[~good]

@@ -1,0 +1,104 @@
+"""Finding a grid of discs in a strong fisheye's image: blobs, lattice, labels, sub-pixel centres."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from fisheye_ep_calib.target.blobs import Blobs, find_blobs
+from fisheye_ep_calib.target.detection import Detection, check_image
+from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs
+from fisheye_ep_calib.target.labelling import HALO, label_patch
+from fisheye_ep_calib.target.lattice import Lattice, grow_lattice
+
+FEWEST_DISCS = 9
+SEARCH_SIDE = 1100
+UNKNOWN_RATIO = 2.4
+
+
+class CircleGridDetector:
+    """Searches at about 1000 pixels a side, measures at full resolution."""
+
+    def __init__(self, target) -> None:
+        self.target = target
+        self.ratio = target.pitch / target.disc_radius if target.disc_radius else None
+        self.fewest = min(FEWEST_DISCS, len(target.object_points))
+        self.hole_ratio = target.hole_radius / target.disc_radius if target.holed else 0.0
+
+    def detect(self, image: np.ndarray) -> Detection:
+        reason = check_image(image)
+        if reason:
+            return Detection(reason=reason)
+        blobs, lattice = self._search(image)
+        total = len(self.target.object_points)
+        if len(lattice) < self.fewest:
+            reason = f"{len(lattice)} of {total} discs" if len(lattice) > 3 else "board not found"
+            return Detection(reason=reason, rejected=blobs.center)
+        return self._measure_and_label(image, blobs, lattice)
+
+    def _search(self, image: np.ndarray) -> tuple[Blobs, Lattice]:
+        """The largest lattice, looked for in a smaller image first and at full size where that falls short."""
+        total = len(self.target.object_points)
+        best: tuple[Blobs, Lattice] | None = None
+        for factor in _search_factors(image.shape):
+            small = image if factor == 1 else cv2.resize(
+                image, (image.shape[1] // factor, image.shape[0] // factor), interpolation=cv2.INTER_AREA
+            )
+            blobs = find_blobs(small, (31, 121), holes=bool(self.target.holed)).scaled(factor)
+            lattice = grow_lattice(blobs.center, blobs.shape, self.ratio)
+            if best is None or len(lattice) > len(best[1]):
+                best = blobs, lattice
+            if len(lattice) >= 0.5 * total and len(lattice) >= self.fewest:
+                break
+        assert best is not None
+        return best
+
+    def _measure_and_label(self, image: np.ndarray, blobs: Blobs, lattice: Lattice) -> Detection:
+        ratio = self.ratio or UNKNOWN_RATIO
+        chosen = blobs[lattice.blob]
+        holed = self._holed(chosen)
+        found = measure_discs(image, chosen.center, chosen.shape, ratio, np.where(holed, self.hole_ratio, 0.0))
+        labels = label_patch(
+            lattice.cell,
+            chosen.center,
+            self.target.lattice,
+            allowed=(lambda placement: self._identity(placement, lattice.cell, holed)) if self.target.holed else None,
+            is_plain=lambda sites, scale: _is_plain(image, sites, chosen),
+        )
+        good = found.good & (labels.point_index >= 0)
+        total = len(self.target.object_points)
+        if good.sum() < self.fewest:
+            return Detection(reason=f"{int(good.sum())} of {total} discs", rejected=blobs.center)
+        loose = np.ones(len(blobs), dtype=bool)
+        loose[lattice.blob[good]] = False
+        return Detection(labels.point_index[good], found.center[good], rejected=blobs.center[loose])
+
+    def _holed(self, blobs: Blobs) -> np.ndarray:
+        """Which blobs have the hole that identifies them."""
+        return blobs.hole > 0.3 * self.hole_ratio**2 if self.target.holed else np.zeros(len(blobs), dtype=bool)
+
+    def _identity(self, placement, cells: np.ndarray, holed: np.ndarray) -> float:
+        """How many of the holed discs fall where the target has one, less those that do not."""
+        marks = {tuple(cell) for cell in self.target.lattice[list(self.target.holed)].tolist()}
+        hits = sum(tuple(cell) in marks for cell in placement(cells[holed]).tolist())
+        return 2.0 * hits - int(holed.sum())
+
+
+def _search_factors(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Reductions to try, coarse to fine."""
+    factor = max(1, round(max(shape) / SEARCH_SIDE))
+    return (factor,) if factor == 1 else (factor, max(1, factor // 2))
+
+
+def _is_plain(image: np.ndarray, sites: np.ndarray, near: Blobs) -> np.ndarray:
+    """Whether the image shows plain board where a disc should lie (m, 2)."""
+    distance = np.hypot(*np.moveaxis(sites[:, None] - near.center, -1, 0))
+    beside = near.shape[distance.argmin(axis=1)]
+    angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    offset = np.concatenate([np.zeros((len(sites), 2, 1)), 0.8 * np.linalg.cholesky(beside) @ circle], axis=2)
+    places = np.rint(sites[:, None] + np.swapaxes(offset, 1, 2)).astype(int)
+    height, width = image.shape
+    inside = ((places >= 0) & (places < [width, height])).all(axis=(1, 2))
+    values = image[np.clip(places[..., 1], 0, height - 1), np.clip(places[..., 0], 0, width - 1)].astype(float)
+    return inside & (np.ptp(values, axis=1) < 0.25 * values.max(axis=1)) & (values.min(axis=1) > 0.4 * np.percentile(image, 95))
