@@ -1,5 +1,22 @@
 """A scene with known truth: a camera, a target and poses become images, observations and bags."""
 
+from fisheye_ep_calib.simulation.bag import StampedImage, write_bag
+from fisheye_ep_calib.simulation.poses import look_pose, paper_poses, random_poses
 from fisheye_ep_calib.simulation.rendering import Imaging, render
+from fisheye_ep_calib.simulation.scenes import paper_camera, paper_target
+from fisheye_ep_calib.simulation.truth import disc_centroids, feature_pixels, observe
 
-__all__ = ["Imaging", "render"]
+__all__ = [
+    "Imaging",
+    "StampedImage",
+    "disc_centroids",
+    "feature_pixels",
+    "look_pose",
+    "observe",
+    "paper_camera",
+    "paper_poses",
+    "paper_target",
+    "random_poses",
+    "render",
+    "write_bag",
+]

@@ -22,9 +22,9 @@ _SAME_EDGE = 1e-9  # metres: edges closer than this are one
 class Discs:
     """Black discs, some with a white hole.
 
-    centers (n, 2), radii (n,), hole_radii (n,) (0 for a full disc): metres.
-    nearest (rows, columns) int32: raster, of square cells from origin (2,), of the nearest disc. It replaces a
-    search, and can only be wrong halfway between two discs, where no edge is.
+    centers (n, 2), radii (n,), hole_radii (n,) (0 for a full disc): metres. nearest (rows, columns) int32:
+    raster, of square cells from origin (2,), of the nearest disc. It replaces a search, and can only be
+    wrong halfway between two discs, where no edge is.
     """
 
     centers: np.ndarray

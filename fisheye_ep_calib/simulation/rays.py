@@ -16,7 +16,7 @@ _ROWS_AT_ONCE = 128
 
 @dataclass(frozen=True)
 class PixelRays:
-    """One ray a pixel, for the image and a border of one pixel, so that every pixel of the image has neighbours.
+    """One ray a pixel of the image and of a border of one pixel, so that all of the image has neighbours.
 
     origins, directions (h + 2, w + 2, 3) float32: metres and unit vectors, camera frame; NaN where the camera
     sees nothing. A float32 direction errs by about 5e-5 px.
@@ -61,9 +61,9 @@ def plane_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the rays of a window of pixels meet the target's plane z = 0: x and y (h + 2, w + 2), metres.
 
-    The window is given in pixels; the result carries the border of one pixel. With a ray o + t d in the camera
-    frame, o' = Rᵀ(o − T) and d' = Rᵀd in the target frame, x = o'x − d'x o'z / d'z. NaN where the ray does not
-    meet the side that faces +z (faces = 1) or −z (faces = −1).
+    The window is given in pixels; the result carries the border of one pixel. With a ray o + t d in the
+    camera frame, o' = Rᵀ(o − T) and d' = Rᵀd in the target frame, x = o'x − d'x o'z / d'z. NaN where the
+    ray does not meet the side that faces +z (faces = 1) or −z (faces = −1).
     """
     left, top, right, bottom = window
     area = (slice(top, bottom + 2), slice(left, right + 2))
@@ -80,8 +80,8 @@ def plane_points(
 def board_window(camera: FisheyeCamera, pattern: Pattern, camera_from_target: np.ndarray) -> Window:
     """The pixels in which a board can show: around the projection of a grid of its points.
 
-    The whole image is taken where part of the board lies outside the field of view, because then the projected
-    points do not bound it.
+    The whole image is taken where part of the board lies outside the field of view, because then the
+    projected points do not bound it.
     """
     width, height = camera.image_size
     x, y = np.meshgrid(*np.linspace(pattern.low, pattern.high, 25).T)

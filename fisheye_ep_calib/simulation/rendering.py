@@ -12,7 +12,7 @@ from fisheye_ep_calib.simulation.patterns import Pattern, pattern
 from fisheye_ep_calib.simulation.rays import Window, board_window, pixel_rays, plane_points
 from fisheye_ep_calib.target import Target
 
-_SAMPLES, _STRIDE = 233, 144  # a Fibonacci lattice: no line through a pixel passes many of its samples at once
+_SAMPLES, _STRIDE = 233, 144  # a Fibonacci lattice: no straight edge passes many of its samples at once
 _PIXELS_AT_ONCE = 16384
 
 
@@ -20,13 +20,12 @@ _PIXELS_AT_ONCE = 16384
 class Imaging:
     """Everything about an image that is not geometry. Grey levels are 0..255.
 
-    black, white: grey levels of the print. background: grey level behind the board (outside the field of view: 0).
-    texture: peak grey-level amplitude of random structure in the background.
-    blur: σ of the Gaussian point spread, pixels. noise: σ of the sensor noise, grey levels.
-    vignetting: fraction of the light lost at the image corner, falling with the square of the radius.
-    shading: relative change of illumination from the board's middle to its corner, along shading_angle (rad).
-    occluders: polygons (k, 2) in pixels, drawn over the board with the grey level occluder.
-    seed: of noise and texture.
+    black, white: grey levels of the print. background: grey level behind the board (outside the field of
+    view: 0). texture: peak grey-level amplitude of random structure in the background. blur: σ of the
+    Gaussian point spread, pixels. noise: σ of the sensor noise, grey levels. vignetting: fraction of the
+    light lost at the image corner, falling with the square of the radius. shading: relative change of
+    illumination from the board's middle to its corner, along shading_angle (rad). occluders: polygons (k,
+    2) in pixels, drawn over the board with the grey level occluder. seed: of noise and texture.
     """
 
     black: float = 25.0
@@ -52,7 +51,8 @@ def render(
     """Image (h, w) uint8 of a target at a pose (4, 4).
 
     Pixels that an edge of the print crosses are averaged over 233 samples of their area, so that the
-    grey-weighted centre of gravity of a disc is right to one or two thousandths of a pixel; all others take one.
+    grey-weighted centre of gravity of a disc is right to one or two thousandths of a pixel; all others take
+    one.
     """
     printed = pattern(target)
     image = _background(camera, imaging)

@@ -13,8 +13,9 @@ PAPER_THETA_MAX = np.radians(97.5)
 def paper_camera(index: int = 0) -> FisheyeCamera:
     """The proposed method's camera of Table 1 of "Calibration of fisheye camera using entrance pupil".
 
-    The pupil's coefficients are read as millimetres; the 195° field of view sets theta_max. The paper's device
-    has eight such cameras: index 1, 2, … gives siblings that differ a little in focal length and centre.
+    The pupil's coefficients are read as millimetres; the 195° field of view sets theta_max. The paper's
+    device has eight such cameras: index 1, 2, … gives siblings that differ a little in focal length and
+    centre.
     """
     rng = np.random.default_rng(index)
     focal, center = rng.normal(0, 1.0, 2), rng.normal(0, 4.0, 2)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.simulation.patterns import printed_side
 from fisheye_ep_calib.target import Target
 
 _RADII, _ANGLES = 8, 24
@@ -35,8 +37,8 @@ def disc_centroids(
 
     centers (n, 3), radius: metres, discs parallel to z = 0. The area integral itself, on purpose not the
     boundary integral by which a calibration predicts it: with p(x, y) the pixel of a disc's point and
-    J = |det ∂p/∂(x, y)|, the centre of gravity is ∫ p J dx dy / ∫ J dx dy, by Gauss–Legendre quadrature along the
-    radius and the trapezoidal rule around the circle.
+    J = |det ∂p/∂(x, y)|, the centre of gravity is ∫ p J dx dy / ∫ J dx dy, by Gauss–Legendre quadrature along
+    the radius and the trapezoidal rule around the circle.
     """
     node, weight = np.polynomial.legendre.leggauss(_RADII)
     distance = radius * (node + 1) / 2
@@ -56,3 +58,32 @@ def disc_centroids(
     pixels = np.where(valid[..., None], pixels, 0).reshape(*shape, 2)
     total = np.maximum(share.sum(axis=-1), 1e-300)
     return (share[..., None] * pixels).sum(axis=-2) / total[..., None], valid.reshape(shape).all(axis=-1)
+
+
+def observe(
+    camera: FisheyeCamera, target: Target, poses: np.ndarray, noise: float = 0.0, seed: int = 0
+) -> Observations:
+    """What an ideal detector measures in views at poses (V, 4, 4): every feature within the image.
+
+    noise: σ of the Gaussian error of each pixel coordinate.
+    """
+    width, height = camera.image_size
+    parts = [feature_pixels(camera, target, poses[i : i + 16]) for i in range(0, len(poses), 16)]
+    pixels, valid = (np.concatenate(part) for part in zip(*parts, strict=True))
+    pixels = pixels + np.random.default_rng([seed, 3]).normal(0, noise, pixels.shape)
+    inside = (pixels > 0) & (pixels < [width - 1, height - 1])
+    image_index, point_index = np.nonzero(valid & inside.all(axis=-1) & _faces_camera(target, poses)[:, None])
+    return Observations.create(
+        target.object_points,
+        image_index,
+        point_index,
+        pixels[image_index, point_index],
+        camera.image_size,
+        image_names=tuple(f"{view:06d}" for view in range(len(poses))),
+        disc_radius=target.disc_radius,
+    )
+
+
+def _faces_camera(target: Target, poses: np.ndarray) -> np.ndarray:
+    """Whether the printed side of a target at poses (V, 4, 4) looks toward the camera's origin (V,)."""
+    return -np.einsum("vi,vi->v", poses[:, :3, 2], poses[:, :3, 3]) * printed_side(target) > 0

@@ -1,0 +1,113 @@
+"""Poses, ideal observations and bags."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.simulation import (
+    StampedImage,
+    feature_pixels,
+    look_pose,
+    observe,
+    paper_camera,
+    paper_poses,
+    paper_target,
+    random_poses,
+    write_bag,
+)
+from fisheye_ep_calib.target.chessboard import Chessboard
+
+
+def test_look_pose_puts_the_middle_where_it_is_told():
+    target = paper_target()
+    pose = look_pose(target, theta=1.0, azimuth=0.5, distance=0.2, tilt=0.4, tilt_azimuth=1.0, roll=2.0)
+    assert np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3)) and np.linalg.det(pose[:3, :3]) > 0
+    middle = pose[:3, :3] @ target.object_points.mean(axis=0) + pose[:3, 3]
+    expected = 0.2 * np.array([np.sin(1.0) * np.cos(0.5), np.sin(1.0) * np.sin(0.5), np.cos(1.0)])
+    assert np.allclose(middle, expected)
+    assert pose[:3, 2] @ middle / 0.2 == pytest.approx(np.cos(0.4))
+
+
+def test_the_papers_poses_reach_the_edge_with_depth():
+    camera, target = paper_camera(), paper_target()
+    poses = paper_poses(target)
+    assert poses.shape == (25, 4, 4)
+    middles = poses[:, :3, :3] @ target.object_points.mean(axis=0) + poses[:, :3, 3]
+    distance = np.linalg.norm(middles, axis=1)
+    assert distance.min() >= 0.0999 and distance.max() <= 0.1501
+    observations = observe(camera, target, poses)
+    assert observations.view_count == 25
+    assert len(observations.pixels) > 0.8 * 25 * 77
+    radius = np.hypot(*(observations.pixels - [camera.cx, camera.cy]).T)
+    assert np.percentile(radius, 97) > 592 * np.radians(85)
+    assert np.bincount(observations.image_index).min() >= 25
+
+
+def test_observations_are_the_truth_plus_seeded_noise():
+    camera, target = paper_camera(), Chessboard.create("board", 9, 6, 0.01)
+    poses = random_poses(target, 12, seed=4)
+    clean, noisy = observe(camera, target, poses), observe(camera, target, poses, noise=0.2, seed=1)
+    again = observe(camera, target, poses, noise=0.2, seed=1)
+    assert np.array_equal(noisy.pixels, again.pixels)
+    truth, _ = feature_pixels(camera, target, poses)
+    assert np.allclose(clean.pixels, truth[clean.image_index, clean.point_index])
+    error = noisy.pixels - truth[noisy.image_index, noisy.point_index]
+    assert error.std() == pytest.approx(0.2, rel=0.1)
+
+
+def test_siblings_of_the_papers_camera_differ():
+    cameras = [paper_camera(index) for index in range(4)]
+    assert cameras[0].fx == 591.7301 and len({camera.fx for camera in cameras}) == 4
+
+
+def test_a_bag_holds_what_was_written(tmp_path):
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 255, (4, 30, 40), dtype=np.uint8)
+    stamped = [
+        StampedImage(f"/{name}/image_raw", 1_700_000_000_123_456_789 + 10 * i, f"{name}_optical", images[i])
+        for i, name in enumerate(["front", "rear", "front"])
+    ]
+    last = 1_700_000_001_000_000_000
+    stamped.append(StampedImage("/left/image_raw/compressed", last, "left", images[3], "png"))
+    path = tmp_path / "new" / "images.mcap"
+    assert write_bag(path, stamped) == 4
+    assert list(path.parent.iterdir()) == [path]
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with open(path, "rb") as file:
+        read = [
+            (channel.topic, schema.name, message.log_time, store.deserialize_cdr(message.data, schema.name))
+            for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages()
+        ]
+    assert [topic for topic, *_ in read] == [item.topic for item in stamped]
+    for (_, kind, stamp, message), item in zip(read, stamped, strict=True):
+        assert stamp == item.stamp_ns
+        assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == item.stamp_ns
+        assert message.header.frame_id == item.frame_id
+        if kind.endswith("/Image"):
+            assert np.array_equal(message.data.reshape(30, 40), item.image)
+            assert (message.encoding, message.step) == ("mono8", 40)
+
+
+def test_rosbags_opens_the_bag_in_a_folder_or_alone(tmp_path):
+    write_bag(tmp_path / "a.mcap", [StampedImage("/c/image_raw", 5, "c", np.zeros((2, 3), np.uint8))])
+    with AnyReader([tmp_path / "a.mcap"]) as reader:
+        assert [c.topic for c in reader.connections] == ["/c/image_raw"]
+        assert reader.message_count == 1
+
+
+def test_a_bag_needs_its_suffix_and_leaves_nothing_when_it_fails(tmp_path):
+    with pytest.raises(InputError, match=r"\.mcap"):
+        write_bag(tmp_path / "bag", [])
+
+    def broken():
+        yield StampedImage("/c/image_raw", 5, "c", np.zeros((2, 3), np.uint8))
+        raise RuntimeError("no more")
+
+    with pytest.raises(RuntimeError):
+        write_bag(tmp_path / "a.mcap", broken())
+    assert list(tmp_path.iterdir()) == []
