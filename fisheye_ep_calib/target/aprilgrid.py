@@ -20,9 +20,9 @@ BORDER_CELLS = 2
 class AprilGrid(Target):
     """``rows`` × ``columns`` tags; the features are their outer corners, four a tag.
 
-    Kalibr's frame and order: x to the right, **y up**, z out of the print; tag 0 at the bottom left, numbers rising to
-    the right and then up; point (2·rows of corners upwards) row·2·columns + column. tag_size: a tag's side with its
-    black border of two cells, tag_gap: the white gap between tags, metres.
+    Kalibr's frame and order: x to the right, **y up**, z out of the print; tag 0 at the bottom left, numbers
+    rising to the right and then up; point (2·rows of corners upwards) row·2·columns + column. tag_size: a
+    tag's side with its black border of two cells, tag_gap: the white gap between tags, metres.
     """
 
     columns: int
@@ -48,7 +48,9 @@ class AprilGrid(Target):
         columns, rows = _tags(keys, "tagCols", "tagRows")
         tag_size, ratio = keys.metres("tagSize"), keys.positive("tagSpacing")
         if not 0.05 <= ratio <= 1:
-            raise keys.fail("tagSpacing", f"is the gap as a share of the tag, between 0.05 and 1, not {ratio:g}")
+            raise keys.fail(
+                "tagSpacing", f"is the gap as a share of the tag, between 0.05 and 1, not {ratio:g}"
+            )
         return AprilGrid.create(name, columns, rows, tag_size, ratio * tag_size)
 
     @staticmethod
@@ -101,5 +103,7 @@ class AprilGrid(Target):
 def _tags(keys: Keys, columns_key: str, rows_key: str) -> tuple[int, int]:
     columns, rows = keys.count(columns_key, 1), keys.count(rows_key, 1)
     if columns * rows > TAGS_IN_FAMILY:
-        raise keys.fail(rows_key, f"times {columns_key} is {columns * rows}; the family 36h11 has {TAGS_IN_FAMILY} tags")
+        raise keys.fail(
+            rows_key, f"times {columns_key} is {columns * rows}; the family 36h11 has {TAGS_IN_FAMILY} tags"
+        )
     return columns, rows

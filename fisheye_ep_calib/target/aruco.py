@@ -9,7 +9,13 @@ from fisheye_ep_calib.errors import InputError
 
 DICTIONARY_NAMES = tuple(
     [f"DICT_{n}X{n}_{count}" for n in (4, 5, 6, 7) for count in (50, 100, 250, 1000)]
-    + ["DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11"]
+    + [
+        "DICT_ARUCO_ORIGINAL",
+        "DICT_APRILTAG_16h5",
+        "DICT_APRILTAG_25h9",
+        "DICT_APRILTAG_36h10",
+        "DICT_APRILTAG_36h11",
+    ]
 )
 
 
@@ -31,7 +37,9 @@ def aruco_dictionary(name: str, what: str):
 
 
 def marker_bits(dictionary, identities: np.ndarray, border: int) -> np.ndarray:
-    """The cells (n, m, m) of markers as printed, 1 white and 0 black, row by row, with ``border`` black cells around."""
+    """The cells (n, m, m) of markers as printed, 1 white and 0 black, row by row, with ``border`` black cells
+    around.
+    """
     module = require_aruco("a marker's picture")
     side = dictionary.markerSize + 2 * border
     pictures = [module.generateImageMarker(dictionary, int(i), side, borderBits=border) for i in identities]
@@ -41,8 +49,9 @@ def marker_bits(dictionary, identities: np.ndarray, border: int) -> np.ndarray:
 def bits_as_quads(bits: np.ndarray, corners: np.ndarray, right: np.ndarray, down: np.ndarray) -> np.ndarray:
     """Black runs of cells as quadrilaterals (q, 4, 2), metres.
 
-    bits (n, m, m); corners (n, 2): where each marker's first cell begins; right, down (2,): one cell's steps along a
-    row of cells and from row to row. Runs along a row become one quadrilateral, so that a print shows no seams in them.
+    bits (n, m, m); corners (n, 2): where each marker's first cell begins; right, down (2,): one cell's steps
+    along a row of cells and from row to row. Runs along a row become one quadrilateral, so that a print shows
+    no seams in them.
     """
     quads = []
     for picture, corner in zip(bits, corners, strict=True):

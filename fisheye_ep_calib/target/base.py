@@ -21,8 +21,8 @@ def _no_quads() -> np.ndarray:
 class Artwork:
     """What is printed, in the plane z = 0 of the target frame (metres), black on white, in painter's order.
 
-    low, high (2,): corners of the white board. quads (q, 4, 2): black quadrilaterals. discs (d, 3): black x, y, radius.
-    holes (h, 3): white x, y, radius, on top of the discs.
+    low, high (2,): corners of the white board. quads (q, 4, 2): black quadrilaterals. discs (d, 3): black x,
+    y, radius. holes (h, 3): white x, y, radius, on top of the discs.
     """
 
     low: np.ndarray
@@ -36,9 +36,9 @@ class Artwork:
 class Target:
     """A flat calibration target.
 
-    name: the file's name, or what the file says. object_points (n, 3): metres, z = 0; x to the right and y down as one
-    looks at the print (an AprilGrid keeps Kalibr's frame, y up). disc_radius: metres where the features are the centres
-    of gravity of projected discs, else None.
+    name: the file's name, or what the file says. object_points (n, 3): metres, z = 0; x to the right and y
+    down as one looks at the print (an AprilGrid keeps Kalibr's frame, y up). disc_radius: metres where the
+    features are the centres of gravity of projected discs, else None.
     """
 
     name: str
@@ -62,7 +62,7 @@ def bounding_board(points: np.ndarray, margin: float) -> tuple[np.ndarray, np.nd
 
 
 def rectangular_grid(columns: int, rows: int, step_x: float, step_y: float) -> np.ndarray:
-    """Points (rows·columns, 3), row by row: index = row·columns + column, x = column·step_x, y = row·step_y."""
+    """Points (rows·columns, 3): index = row·columns + column, x = column·step_x, y = row·step_y."""
     column, row = np.meshgrid(np.arange(columns), np.arange(rows))
     points = np.stack([column * step_x, row * step_y, np.zeros_like(column, dtype=float)], axis=-1)
     return points.reshape(-1, 3).astype(float)

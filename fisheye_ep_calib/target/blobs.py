@@ -15,9 +15,11 @@ RING_ANGLES = np.linspace(0, 2 * np.pi, 16, endpoint=False)
 
 @dataclass(frozen=True)
 class Blobs:
-    """k candidates. center (k, 2): pixels. shape (k, 2, 2): the ellipse x' shape⁻¹ x = 1 about the centre, pixels².
+    """k candidates. center (k, 2): pixels. shape (k, 2, 2): the ellipse x' shape⁻¹ x = 1 about the centre,
+    pixels².
 
-    hole (k,): area of a white hole as a share of the disc's, 0 for a full disc. fitness (k,): 1 for a perfect ellipse.
+    hole (k,): area of a white hole as a share of the disc's, 0 for a full disc. fitness (k,): 1 for a perfect
+    ellipse.
     """
 
     center: np.ndarray
@@ -40,8 +42,8 @@ class Blobs:
 def find_blobs(image: np.ndarray, windows: tuple[int, ...], holes: bool) -> Blobs:
     """Dark ellipses on lighter ground in a grey image.
 
-    windows: sides in pixels of the boxes whose mean each pixel is compared with; a disc is found where one of them is
-    larger than the disc. holes: whether discs may have a white hole.
+    windows: sides in pixels of the boxes whose mean each pixel is compared with; a disc is found where one of
+    them is larger than the disc. holes: whether discs may have a white hole.
     """
     offset = max(4.0, 1.5 * _noise(image))
     found = []
@@ -57,7 +59,7 @@ def find_blobs(image: np.ndarray, windows: tuple[int, ...], holes: bool) -> Blob
 
 
 def _noise(image: np.ndarray) -> float:
-    """Standard deviation of the pixel noise, from the median of a second difference on a sample of the image."""
+    """Standard deviation of the pixel noise, from a second difference on a sample of the image."""
     step = max(1, image.shape[0] // 200)
     rows = image[::step].astype(np.int16)
     second = np.abs(rows[:, :-2] + rows[:, 2:] - 2 * rows[:, 1:-1])
@@ -69,8 +71,10 @@ def _ellipses(mask: np.ndarray, holes: bool) -> Blobs:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
     width, height = stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]
     area = stats[:, cv2.CC_STAT_AREA]
-    sized = (area >= 9) & (np.minimum(width, height) >= 3) & (np.maximum(width, height) < 0.4 * max(mask.shape))
-    # An axis-parallel bounding box is fullest around an upright ellipse (π/4), emptiest around a slanted thin one.
+    sized = (
+        (area >= 9) & (np.minimum(width, height) >= 3) & (np.maximum(width, height) < 0.4 * max(mask.shape))
+    )
+    # A bounding box is fullest around an upright ellipse (π/4), emptiest around a slanted thin one.
     sized &= (area > 0.2 * width * height) & (area < 0.95 * width * height + 4)
     sized[0] = False
     chosen = np.flatnonzero(sized)
@@ -111,7 +115,9 @@ def _from_moments(own: np.ndarray, x: np.ndarray, y: np.ndarray, count: int, hol
 
 
 def _fill_holes(mask: np.ndarray, labels: np.ndarray, compact: np.ndarray, count: int) -> np.ndarray:
-    """Give holes inside the chosen components to them (changes ``labels``); returns the area (count,) of the holes."""
+    """Give holes inside the chosen components to them (changes ``labels``); returns the area (count,) of the
+    holes.
+    """
     number, white, stats, _ = cv2.connectedComponentsWithStats(1 - mask, connectivity=8)
     area = stats[:, cv2.CC_STAT_AREA]
     small = (area < 0.1 * mask.size) & (stats[:, cv2.CC_STAT_TOP] > 0) & (area >= 2)

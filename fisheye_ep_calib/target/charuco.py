@@ -17,8 +17,8 @@ from fisheye_ep_calib.target.schema import Keys
 class Charuco(Target):
     """``rows`` rows of ``columns`` inner corners, hence (columns + 1) × (rows + 1) squares.
 
-    spacing: a square's side; marker_size: a marker's, metres. dictionary: OpenCV's name. legacy: the layout of OpenCV
-    before 4.6, in which a board with an even number of square rows starts with a white square.
+    spacing: a square's side; marker_size: a marker's, metres. dictionary: OpenCV's name. legacy: the layout
+    of OpenCV before 4.6, in which a board with an even number of square rows starts with a white square.
     """
 
     columns: int
@@ -37,7 +37,9 @@ class Charuco(Target):
         columns, rows = keys.count("columns", 2), keys.count("rows", 2)
         spacing, marker_size = keys.metres("spacing"), keys.metres("marker_size")
         if not 0.2 * spacing <= marker_size < spacing:
-            raise keys.fail("marker_size", f"must be smaller than the square's {spacing:g} m (and at least a fifth of it)")
+            raise keys.fail(
+                "marker_size", f"must be smaller than the square's {spacing:g} m (and at least a fifth of it)"
+            )
         dictionary = keys.text("dictionary", "DICT_5X5_250")
         if dictionary not in DICTIONARY_NAMES:
             raise keys.fail("dictionary", f"{dictionary} is unknown; known: {', '.join(DICTIONARY_NAMES)}")
@@ -46,7 +48,10 @@ class Charuco(Target):
         )
         size = dictionary.rsplit("_", 1)[1]
         if size.isdigit() and len(target.marker_squares) > int(size):
-            raise keys.fail("dictionary", f"{dictionary} has too few markers for {len(target.marker_squares)} white squares")
+            raise keys.fail(
+                "dictionary",
+                f"{dictionary} has too few markers for {len(target.marker_squares)} white squares",
+            )
         return target
 
     @staticmethod
@@ -55,7 +60,13 @@ class Charuco(Target):
 
     @staticmethod
     def create(
-        name: str, columns: int, rows: int, spacing: float, marker_size: float, dictionary: str, legacy: bool = False
+        name: str,
+        columns: int,
+        rows: int,
+        spacing: float,
+        marker_size: float,
+        dictionary: str,
+        legacy: bool = False,
     ) -> Charuco:
         """Inner corners; lengths in metres."""
         points = rectangular_grid(columns, rows, spacing, spacing)

@@ -36,7 +36,9 @@ class Chessboard(Target):
     def from_kalibr(keys: Keys, name: str) -> Chessboard:
         keys.only(("target_type", "targetCols", "targetRows", "rowSpacingMeters", "colSpacingMeters"))
         columns, rows = keys.count("targetCols", 2), keys.count("targetRows", 2)
-        return Chessboard.create(name, columns, rows, keys.metres("colSpacingMeters"), keys.metres("rowSpacingMeters"))
+        return Chessboard.create(
+            name, columns, rows, keys.metres("colSpacingMeters"), keys.metres("rowSpacingMeters")
+        )
 
     @staticmethod
     def create(
@@ -60,7 +62,7 @@ class Chessboard(Target):
 
 
 def black_squares(columns: int, rows: int, step: np.ndarray) -> np.ndarray:
-    """The black squares (q, 4, 2) of a board of columns × rows squares from (0, 0), the top-left one black."""
+    """The black squares (q, 4, 2) of a board of columns × rows squares, the one at (0, 0) black."""
     column, row = np.meshgrid(np.arange(columns), np.arange(rows))
     black = (column + row) % 2 == 0
     corner = np.stack([column[black], row[black]], axis=-1)[:, None, :]

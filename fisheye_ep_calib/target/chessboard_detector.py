@@ -24,14 +24,17 @@ def _calib_targets():
         import calib_targets
     except ImportError:
         logger.warning(
-            "calib-targets is not installed: only chessboards wholly in view can be found (pip install calib-targets)"
+            "calib-targets is not installed: only chessboards wholly in view can be found"
+            " (pip install calib-targets)"
         )
         return None
     return calib_targets
 
 
 class ChessboardDetector:
-    """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined to sub-pixels, then labelled."""
+    """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined to sub-pixels, then
+    labelled.
+    """
 
     def __init__(self, target) -> None:
         self.target = target
@@ -51,7 +54,9 @@ class ChessboardDetector:
         cells, refined = cells[good], refined[good]
         total = len(self.lattice)
         if len(cells) < min(FEWEST_CORNERS, total):
-            return Detection(reason=f"{len(cells)} of {total} corners", rejected=np.vstack([rejected, refined]))
+            return Detection(
+                reason=f"{len(cells)} of {total} corners", rejected=np.vstack([rejected, refined])
+            )
         black = _black_cell(image, cells, refined)
         labels = label_patch(
             cells,
@@ -63,7 +68,9 @@ class ChessboardDetector:
         known = labels.known
         if known.sum() < min(FEWEST_CORNERS, total):
             return Detection(reason="board not found", rejected=refined)
-        return Detection(labels.point_index[known], refined[known], rejected=np.vstack([rejected, refined[~known]]))
+        return Detection(
+            labels.point_index[known], refined[known], rejected=np.vstack([rejected, refined[~known]])
+        )
 
     def _find(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lattice coordinates (k, 2) int with the handedness of (u, v), and rough pixels (k, 2)."""
@@ -128,7 +135,7 @@ def _regular(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def _black_cell(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> np.ndarray | None:
-    """Twice the centre (2,) of a square that is black, in lattice coordinates; None when no square is whole."""
+    """Twice the lattice coordinates (2,) of a black square's centre; None when no square is whole."""
     beside = _neighbours(cells)
     right, down = beside[:, 0], beside[:, 2]
     corner = np.where((right >= 0) & (down >= 0), beside[right, 2], -1)
@@ -148,7 +155,9 @@ def _black_cell(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> np.
 
 
 def _colour_fits(placement, black: np.ndarray | None) -> float:
-    """0 where the placement puts the black square on a black one of the target (top-left square black), else −inf."""
+    """0 where the placement puts the black square on a black one of the target (top-left square black), else
+    −inf.
+    """
     if black is None:
         return 0.0
     corner = (black @ placement.rotation.T + 2 * placement.shift - 1) // 2
@@ -156,11 +165,15 @@ def _colour_fits(placement, black: np.ndarray | None) -> float:
 
 
 def _is_plain(image: np.ndarray, sites: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Whether the image shows no black at each site (m, 2) within 0.3 of the pitch (m,): white board, not an occluder."""
+    """Whether the image shows no black at each site (m, 2) within 0.3 of the pitch (m,): white board, not an
+    occluder.
+    """
     height, width = image.shape
     reach = 0.3 * scale[:, None, None] * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 0]])
     places = np.rint(sites[:, None] + reach).astype(int)
     inside = ((places >= 0) & (places < [width, height])).all(axis=(1, 2))
-    values = image[np.clip(places[..., 1], 0, height - 1), np.clip(places[..., 0], 0, width - 1)].astype(float)
+    values = image[np.clip(places[..., 1], 0, height - 1), np.clip(places[..., 0], 0, width - 1)].astype(
+        float
+    )
     bright = values.min(axis=1) > 0.5 * np.percentile(image, 90)
     return inside & bright & (np.ptp(values, axis=1) < 0.25 * values.max(axis=1))

@@ -1,4 +1,4 @@
-"""A grid of black discs: symmetric or asymmetric, optionally with a few discs holed to give it an identity."""
+"""A grid of black discs, symmetric or asymmetric, some of them holed to give it an identity."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from fisheye_ep_calib.target.schema import Keys
 class CircleGrid(Target):
     """Discs of one radius, ``rows`` rows of ``columns``.
 
-    Symmetric: neighbours lie ``spacing`` apart. Asymmetric (OpenCV's and Kalibr's): disc (column, row) lies at
-    x = (2·column + row mod 2)·spacing, y = row·spacing. holed: indices row·columns + column of the discs with a white
-    hole of ``hole_radius``; three of them, not alike under a rotation, make the board unmistakable.
+    Symmetric: neighbours lie ``spacing`` apart. Asymmetric (OpenCV's and Kalibr's): disc (column, row) lies
+    at x = (2·column + row mod 2)·spacing, y = row·spacing. holed: indices row·columns + column of the discs
+    with a white hole of ``hole_radius``; three of them, not alike under a rotation, make the board
+    unmistakable.
     """
 
     columns: int
@@ -32,7 +33,9 @@ class CircleGrid(Target):
 
     @staticmethod
     def from_keys(keys: Keys, name: str) -> CircleGrid:
-        keys.only(("type", "name", "columns", "rows", "spacing", "radius", "asymmetric", "holed", "hole_radius"))
+        keys.only(
+            ("type", "name", "columns", "rows", "spacing", "radius", "asymmetric", "holed", "hole_radius")
+        )
         columns, rows = keys.count("columns", 2), keys.count("rows", 2)
         spacing, radius = keys.metres("spacing"), keys.metres("radius")
         asymmetric = keys.flag("asymmetric")

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from fisheye_ep_calib.target.blobs import Blobs, find_blobs
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs
-from fisheye_ep_calib.target.labelling import HALO, label_patch
-from fisheye_ep_calib.target.lattice import Lattice, grow_lattice
+from fisheye_ep_calib.target.disc_measurement import measure_discs
+from fisheye_ep_calib.target.labelling import label_patch
+from fisheye_ep_calib.target.lattice import Lattice, grow_lattices
 
 FEWEST_DISCS = 9
 SEARCH_SIDE = 1100
+WINDOWS = (31, 121)
+MOST_LATTICES = 4
 UNKNOWN_RATIO = 2.4
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A detection and how much speaks for it."""
+
+    score: float = 0.0
+    detection: Detection = Detection()
 
 
 class CircleGridDetector:
@@ -29,53 +42,63 @@ class CircleGridDetector:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
-        blobs, lattice = self._search(image)
         total = len(self.target.object_points)
-        if len(lattice) < self.fewest:
-            reason = f"{len(lattice)} of {total} discs" if len(lattice) > 3 else "board not found"
-            return Detection(reason=reason, rejected=blobs.center)
-        return self._measure_and_label(image, blobs, lattice)
-
-    def _search(self, image: np.ndarray) -> tuple[Blobs, Lattice]:
-        """The largest lattice, looked for in a smaller image first and at full size where that falls short."""
-        total = len(self.target.object_points)
-        best: tuple[Blobs, Lattice] | None = None
+        best = _Found()
         for factor in _search_factors(image.shape):
-            small = image if factor == 1 else cv2.resize(
-                image, (image.shape[1] // factor, image.shape[0] // factor), interpolation=cv2.INTER_AREA
-            )
-            blobs = find_blobs(small, (31, 121), holes=bool(self.target.holed)).scaled(factor)
-            lattice = grow_lattice(blobs.center, blobs.shape, self.ratio)
-            if best is None or len(lattice) > len(best[1]):
-                best = blobs, lattice
-            if len(lattice) >= 0.5 * total and len(lattice) >= self.fewest:
+            found = self._detect_at(image, factor)
+            best = max(best, found, key=lambda candidate: candidate.score)
+            if len(best.detection) >= 0.5 * total:
                 break
-        assert best is not None
+        if len(best.detection) >= self.fewest:
+            return best.detection
+        count = len(best.detection)
+        reason = f"{count} of {total} discs" if count > 3 else "board not found"
+        return Detection(reason=reason, rejected=best.detection.rejected)
+
+    def _detect_at(self, image: np.ndarray, factor: int) -> _Found:
+        """The best of the largest lattices, looked for in the image reduced by ``factor``."""
+        size = image.shape[1] // factor, image.shape[0] // factor
+        small = image if factor == 1 else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        blobs = find_blobs(small, WINDOWS, holes=bool(self.target.holed)).scaled(factor)
+        lattices = grow_lattices(blobs.center, blobs.shape, self.ratio)
+        best = _Found(detection=Detection(rejected=blobs.center))
+        for lattice in lattices[:MOST_LATTICES]:
+            if best.score > len(lattice):
+                break
+            best = max(
+                best, self._measure_and_label(image, blobs, lattice), key=lambda candidate: candidate.score
+            )
         return best
 
-    def _measure_and_label(self, image: np.ndarray, blobs: Blobs, lattice: Lattice) -> Detection:
+    def _measure_and_label(self, image: np.ndarray, blobs: Blobs, lattice: Lattice) -> _Found:
         ratio = self.ratio or UNKNOWN_RATIO
         chosen = blobs[lattice.blob]
         holed = self._holed(chosen)
-        found = measure_discs(image, chosen.center, chosen.shape, ratio, np.where(holed, self.hole_ratio, 0.0))
+        found = measure_discs(
+            image, chosen.center, chosen.shape, ratio, np.where(holed, self.hole_ratio, 0.0)
+        )
         labels = label_patch(
             lattice.cell,
             chosen.center,
             self.target.lattice,
-            allowed=(lambda placement: self._identity(placement, lattice.cell, holed)) if self.target.holed else None,
+            allowed=(lambda placement: self._identity(placement, lattice.cell, holed))
+            if self.target.holed
+            else None,
             is_plain=lambda sites, scale: _is_plain(image, sites, chosen),
         )
-        good = found.good & (labels.point_index >= 0)
-        total = len(self.target.object_points)
-        if good.sum() < self.fewest:
-            return Detection(reason=f"{int(good.sum())} of {total} discs", rejected=blobs.center)
+        good = found.good & labels.known
         loose = np.ones(len(blobs), dtype=bool)
         loose[lattice.blob[good]] = False
-        return Detection(labels.point_index[good], found.center[good], rejected=blobs.center[loose])
+        detection = Detection(labels.point_index[good], found.center[good], rejected=blobs.center[loose])
+        # A lattice that goes on beyond the target is something else.
+        beyond = int((found.good & ~labels.known).sum())
+        return _Found(len(detection) - 2 * beyond, detection)
 
     def _holed(self, blobs: Blobs) -> np.ndarray:
         """Which blobs have the hole that identifies them."""
-        return blobs.hole > 0.3 * self.hole_ratio**2 if self.target.holed else np.zeros(len(blobs), dtype=bool)
+        return (
+            blobs.hole > 0.3 * self.hole_ratio**2 if self.target.holed else np.zeros(len(blobs), dtype=bool)
+        )
 
     def _identity(self, placement, cells: np.ndarray, holed: np.ndarray) -> float:
         """How many of the holed discs fall where the target has one, less those that do not."""
@@ -85,9 +108,10 @@ class CircleGridDetector:
 
 
 def _search_factors(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Reductions to try, coarse to fine."""
-    factor = max(1, round(max(shape) / SEARCH_SIDE))
-    return (factor,) if factor == 1 else (factor, max(1, factor // 2))
+    """Reductions to try: the usual one, a finer one for small discs, a coarser one for very large discs."""
+    factor = max(1, math.ceil(max(shape) / SEARCH_SIDE))
+    coarser = 2 * factor if min(shape) >= 200 * factor else factor
+    return tuple(dict.fromkeys((factor, max(1, factor // 2), coarser)))
 
 
 def _is_plain(image: np.ndarray, sites: np.ndarray, near: Blobs) -> np.ndarray:
@@ -100,5 +124,11 @@ def _is_plain(image: np.ndarray, sites: np.ndarray, near: Blobs) -> np.ndarray:
     places = np.rint(sites[:, None] + np.swapaxes(offset, 1, 2)).astype(int)
     height, width = image.shape
     inside = ((places >= 0) & (places < [width, height])).all(axis=(1, 2))
-    values = image[np.clip(places[..., 1], 0, height - 1), np.clip(places[..., 0], 0, width - 1)].astype(float)
-    return inside & (np.ptp(values, axis=1) < 0.25 * values.max(axis=1)) & (values.min(axis=1) > 0.4 * np.percentile(image, 95))
+    values = image[np.clip(places[..., 1], 0, height - 1), np.clip(places[..., 0], 0, width - 1)].astype(
+        float
+    )
+    return (
+        inside
+        & (np.ptp(values, axis=1) < 0.25 * values.max(axis=1))
+        & (values.min(axis=1) > 0.4 * np.percentile(image, 95))
+    )

@@ -12,8 +12,8 @@ CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.002)
 def refine_corners(image: np.ndarray, pixels: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Move corners (k, 2) onto the saddle point near them (cv2.cornerSubPix).
 
-    reach (k,): how far, in pixels, the pattern around each corner consists of nothing but its four quadrants; the window
-    stays inside. Returns the positions (k, 2) and whether each stayed near its start (k,).
+    reach (k,): how far, in pixels, the pattern around each corner consists of nothing but its four quadrants;
+    the window stays inside. Returns the positions (k, 2) and whether each stayed near its start (k,).
     """
     refined = np.array(pixels, dtype=np.float32).reshape(-1, 1, 2)
     height, width = image.shape

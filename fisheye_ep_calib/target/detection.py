@@ -45,7 +45,9 @@ LONGEST_SIDE = 20000
 
 
 def check_image(image: np.ndarray) -> str:
-    """Why nothing can be found in this image, or an empty string. Spends nothing on an image that holds nothing."""
+    """Why nothing can be found in this image, or an empty string. Spends nothing on an image that holds
+    nothing.
+    """
     if image.ndim != 2 or image.dtype != np.uint8:
         return "not a grey 8-bit image"
     if min(image.shape) < 16:

@@ -1,7 +1,7 @@
 """The centre of gravity of a disc's image, to a hundredth of a pixel, and whether the disc is seen whole.
 
-All discs of an image are measured together: the pixels around each lie one disc after another in flat arrays, and sums
-over a disc are sums over a segment.
+All discs of an image are measured together: the pixels around each lie one disc after another in flat arrays,
+and sums over a disc are sums over a segment.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ FIRST_BLUR = 1.0
 class Measurement:
     """k discs. center (k, 2): centre of gravity, pixels. shape (k, 2, 2): the ellipse's matrix, pixels².
 
-    good (k,): measured, and seen whole. blur (k,): σ of the edge, pixels. contrast (k,): board minus disc, grey values.
-    area_ratio (k,): dark area as a share of the ellipse that was looked for.
+    good (k,): measured, and seen whole. blur (k,): σ of the edge, pixels. contrast (k,): board minus disc,
+    grey values. area_ratio (k,): dark area as a share of the ellipse that was looked for.
     """
 
     center: np.ndarray
@@ -43,8 +43,8 @@ def measure_discs(
 ) -> Measurement:
     """Measure discs near center (k, 2) that look like the ellipses shape (k, 2, 2).
 
-    ratio: pitch/radius, which says how near the next disc is. hole (k,): radius of a white hole as a share of the disc's.
-    keep_shape: the shape is known (from a camera and a pose) and only the centre is sought.
+    ratio: pitch/radius, which says how near the next disc is. hole (k,): radius of a white hole as a share of
+    the disc's. keep_shape: the shape is known (from a camera and a pose) and only the centre is sought.
     """
     count = len(center)
     hole = np.zeros(count) if hole is None else np.asarray(hole, dtype=float)
@@ -78,7 +78,9 @@ def _plausible(image: np.ndarray, center: np.ndarray, shape: np.ndarray) -> np.n
     reach = np.sqrt(np.abs(np.diagonal(shape, axis1=1, axis2=2))) + 1.0
     height, width = image.shape
     inside = (center - reach >= 0).all(axis=1) & (center + reach <= [width - 1, height - 1]).all(axis=1)
-    sized = (_minor_squared(np.where(finite[:, None, None], shape, 0)) > 1.0) & (reach.max(axis=1) < 0.5 * max(height, width))
+    sized = (_minor_squared(np.where(finite[:, None, None], shape, 0)) > 1.0) & (
+        reach.max(axis=1) < 0.5 * max(height, width)
+    )
     return finite & inside & sized
 
 
@@ -86,8 +88,8 @@ def _plausible(image: np.ndarray, center: np.ndarray, shape: np.ndarray) -> np.n
 class _Patches:
     """The pixels around each disc, disc after disc.
 
-    disc (p,): index among ``chosen``. x, y (p,): from the disc's centre, pixels. value (p,). start (d,): where each begins.
-    chosen (d,): the discs that were cut. count: of all discs.
+    disc (p,): index among ``chosen``. x, y (p,): from the disc's centre, pixels. value (p,). start (d,):
+    where each begins. chosen (d,): the discs that were cut. count: of all discs.
     """
 
     disc: np.ndarray
@@ -99,7 +101,9 @@ class _Patches:
     count: int
 
     @staticmethod
-    def cut(image: np.ndarray, center: np.ndarray, shape: np.ndarray, good: np.ndarray, reach: float) -> _Patches:
+    def cut(
+        image: np.ndarray, center: np.ndarray, shape: np.ndarray, good: np.ndarray, reach: float
+    ) -> _Patches:
         chosen = np.flatnonzero(good)
         height, width = image.shape
         half = reach * np.sqrt(np.diagonal(shape[chosen], axis1=1, axis2=2)) + 3.0
@@ -163,14 +167,29 @@ def _measure(patches: _Patches, center, shape, hole, blur, ratio: float, final: 
     area_ratio = area / ellipse_area
     good = enough & (contrast > np.maximum(8, 2.5 * noise)) & (area_ratio > 0.6) & (area_ratio < 1.6)
     if final:
-        good &= _seen_whole(patches, gx, gy, radius, distance, weight, edge | inner, noise / np.maximum(contrast, 1), hole, band)
+        good &= _seen_whole(
+            patches,
+            gx,
+            gy,
+            radius,
+            distance,
+            weight,
+            edge | inner,
+            noise / np.maximum(contrast, 1),
+            hole,
+            band,
+        )
         good &= (area_ratio > 0.8) & (area_ratio < 1.25)
     result = _Scatter(patches)
     return Measurement(
         center + result(move),
         shape if final else _ellipse(patches, mass, move, area, shape),
         result(good),
-        np.where(result(good), result(_edge_blur(patches, weight, edge, noise / np.maximum(contrast, 1), shape[chosen])), blur),
+        np.where(
+            result(good),
+            result(_edge_blur(patches, weight, edge, noise / np.maximum(contrast, 1), shape[chosen])),
+            blur,
+        ),
         result(contrast),
         result(area_ratio),
     )
@@ -188,11 +207,14 @@ class _Scatter:
         return out
 
 
-def _ground(patches: _Patches, ring: np.ndarray, dark: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The board's brightness as a plane through each ring: at every pixel (p,), the noise (d,), and whether it is sound.
+def _ground(
+    patches: _Patches, ring: np.ndarray, dark: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The board's brightness as a plane through each ring: at every pixel (p,), the noise (d,), and whether
+    it is sound.
 
-    Other discs and occluders in the ring are cut off: first all that is nearer to the disc's brightness than to the
-    ring's mean, then what lies far from the plane.
+    Other discs and occluders in the ring are cut off: first all that is nearer to the disc's brightness than
+    to the ring's mean, then what lies far from the plane.
     """
     value, disc = patches.value, patches.disc
     kept = ring
@@ -220,7 +242,9 @@ def _plane(patches: _Patches, kept: np.ndarray) -> np.ndarray:
     sx, sy = patches.sum(wx), patches.sum(wy)
     xx, xy, yy = patches.sum(wx * patches.x), patches.sum(wx * patches.y), patches.sum(wy * patches.y)
     right = np.stack([patches.sum(wv), patches.sum(wv * patches.x), patches.sum(wv * patches.y)], -1)
-    left = np.stack([np.stack([total, sx, sy], -1), np.stack([sx, xx, xy], -1), np.stack([sy, xy, yy], -1)], -2)
+    left = np.stack(
+        [np.stack([total, sx, sy], -1), np.stack([sx, xx, xy], -1), np.stack([sy, xy, yy], -1)], -2
+    )
     left = left + np.diag([1e-3, 1e-2, 1e-2])
     return np.linalg.solve(left, right[..., None])[..., 0]
 
@@ -239,7 +263,9 @@ def _ellipse(patches: _Patches, mass, move, area, shape) -> np.ndarray:
     sound = (determinant > 0.05) & (area > 3)
     scale = safe / np.pi / np.sqrt(np.where(sound, determinant, 1))
     out = shape.copy()
-    out[patches.chosen] = np.where(sound[:, None, None], moments * scale[:, None, None], shape[patches.chosen])
+    out[patches.chosen] = np.where(
+        sound[:, None, None], moments * scale[:, None, None], shape[patches.chosen]
+    )
     return out
 
 
@@ -254,8 +280,12 @@ def _edge_blur(patches: _Patches, weight, edge, relative_noise, shape) -> np.nda
     return np.clip(sigma, 0.4, np.maximum(0.4, 0.5 * np.sqrt(root)))
 
 
-def _seen_whole(patches: _Patches, gx, gy, radius, distance, weight, inside, relative_noise, hole, band) -> np.ndarray:
-    """Whether no sector of a disc differs from the opposite one, as it does where something covers part of the disc (d,)."""
+def _seen_whole(
+    patches: _Patches, gx, gy, radius, distance, weight, inside, relative_noise, hole, band
+) -> np.ndarray:
+    """Whether no sector of a disc differs from the opposite one, as it does where something covers part of
+    the disc (d,).
+    """
     disc = patches.disc
     number = len(patches.chosen)
     sector = np.floor(np.arctan2(gy, gx) * (SECTORS / (2 * np.pi)) + SECTORS / 2).astype(np.int64) % SECTORS
@@ -266,7 +296,9 @@ def _seen_whole(patches: _Patches, gx, gy, radius, distance, weight, inside, rel
         place = np.flatnonzero(zone)
         key = disc[place] * SECTORS + sector[place]
         pixels = np.bincount(key, minlength=number * SECTORS).reshape(number, SECTORS)
-        mean = np.bincount(key, weight[place], number * SECTORS).reshape(number, SECTORS) / np.maximum(pixels, 1)
+        mean = np.bincount(key, weight[place], number * SECTORS).reshape(number, SECTORS) / np.maximum(
+            pixels, 1
+        )
         opposite = np.roll(mean, SECTORS // 2, axis=1)
         fewest = np.minimum(pixels, np.roll(pixels, SECTORS // 2, axis=1))
         tolerance = 0.12 + 4.5 * relative_noise[:, None] / np.sqrt(np.maximum(fewest, 1))

@@ -1,4 +1,6 @@
-"""Which point of the target is which: a patch of lattice found in an image is laid onto the target's own lattice."""
+"""Which point of the target is which: a patch of lattice found in an image is laid onto the target's own
+lattice.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ HALO = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
 
 @dataclass(frozen=True)
 class Labels:
-    """point_index (k,): the target's point for each point of the patch, -1 where the target has none there."""
+    """point_index (k,): the target's point for each of the patch's, -1 where the target has none."""
 
     point_index: np.ndarray
 
@@ -42,12 +44,13 @@ def label_patch(
 ) -> Labels:
     """Lay a patch onto the target's lattice.
 
-    cells (k, 2) int: the patch's lattice coordinates, of the handedness of (u, v). pixels (k, 2). lattice (n, 2) int: the
-    target's. allowed: marks a placement by what the image says of identity (colours, holes); higher is better, −inf is
-    impossible. is_plain(pixels (m, 2), scale (m,)): whether the image is plain board there, m sites next to the patch.
+    cells (k, 2) int: the patch's lattice coordinates, of the handedness of (u, v). pixels (k, 2). lattice (n,
+    2) int: the target's. allowed: marks a placement by what the image says of identity (colours, holes);
+    higher is better, −inf is impossible. is_plain(pixels (m, 2), scale (m,)): whether the image is plain
+    board there, m sites next to the patch.
 
-    The most points win, then identity, then the placement that expects no feature where the image shows plain board.
-    What is still ambiguous is settled by the target's x axis pointing to the right in the image.
+    The most points win, then identity, then the placement that expects no feature where the image shows plain
+    board. What is still ambiguous is settled by the target's x axis pointing to the right in the image.
     """
     low = lattice.min(axis=0)
     table = np.full(lattice.max(axis=0) - low + 1, -1)
@@ -112,9 +115,11 @@ def _plain_sites(cells, pixels, is_plain) -> np.ndarray:
 
 
 def extrapolate_halo(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sites beside a patch, (m, 2) int, where they should lie in the image (m, 2), and the pitch there (m,) in pixels.
+    """Sites beside a patch, (m, 2) int, where they should lie in the image (m, 2), and the pitch there (m,)
+    in pixels.
 
-    Each is predicted along the lattice line through it: linearly from two points, with the curvature from three.
+    Each is predicted along the lattice line through it: linearly from two points, with the curvature from
+    three.
     """
     at = {tuple(cell): pixel for cell, pixel in zip(cells.tolist(), pixels, strict=True)}
     found: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}

@@ -1,8 +1,8 @@
 """Growing a square lattice through elliptic blobs, however the lens bends it.
 
-Each blob is its own ruler: in the frame that makes its ellipse a unit circle, the board's lattice is locally square, with
-a pitch of pitch/radius. Neighbours are blobs at that distance in both their frames; a lattice grows from neighbour to
-neighbour, and each carries its frame's angle on.
+Each blob is its own ruler: in the frame that makes its ellipse a unit circle, the board's lattice is locally
+square, with a pitch of pitch/radius. Neighbours are blobs at that distance in both their frames; a lattice
+grows from neighbour to neighbour, and each carries its frame's angle on.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 NEAREST = 28
+FEWEST = 4
 QUARTER = np.pi / 2
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """blob (k,): indices of blobs. cell (k, 2) int: their lattice coordinates, of the handedness of (u, v)."""
+    """blob (k,): indices of blobs. cell (k, 2) int: lattice coordinates, of the handedness of (u, v)."""
 
     blob: np.ndarray
     cell: np.ndarray
@@ -31,8 +32,10 @@ class Lattice:
 
 @dataclass(frozen=True)
 class _Edges:
-    """Neighbour relations, both ways. first, second (e,): blobs. angle (e,): direction in the frame of ``first``.
-    cost (e,): how badly the distances fit. start (k + 1,): where each blob's edges begin (sorted by ``first``)."""
+    """Neighbour relations, both ways. first, second (e,): blobs. angle (e,): direction in the frame of
+    ``first``.
+    cost (e,): how badly the distances fit. start (k + 1,): where each blob's edges begin (sorted by
+    ``first``)."""
 
     first: np.ndarray
     second: np.ndarray
@@ -41,19 +44,26 @@ class _Edges:
     start: np.ndarray
 
 
-def grow_lattice(center: np.ndarray, shape: np.ndarray, ratio: float | None) -> Lattice:
-    """The largest lattice among blobs: center (k, 2), shape (k, 2, 2), pitch/radius (None: found from the blobs)."""
-    empty = Lattice(np.empty(0, dtype=int), np.empty((0, 2), dtype=int))
-    if len(center) < 4:
-        return empty
+def grow_lattices(center: np.ndarray, shape: np.ndarray, ratio: float | None) -> list[Lattice]:
+    """The lattices among blobs, largest first: center (k, 2), shape (k, 2, 2), pitch/radius (None: from the
+    blobs).
+    """
+    if len(center) < FEWEST:
+        return []
     first, second, offset = _near_pairs(center, shape)
     ratios = [ratio] if ratio else _likely_ratios(offset, first, second, len(center))
-    lattices = [_grow_all(center, _edges(first, second, offset, value, len(center))) for value in ratios]
-    return max(lattices, key=len, default=empty)
+    lattices = [
+        lattice
+        for value in ratios
+        for lattice in _grow_all(center, _edges(first, second, offset, value, len(center)))
+    ]
+    return sorted(lattices, key=len, reverse=True)
 
 
 def _near_pairs(center: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs (e,), (e,) of near blobs, both ways round, and second − first (e, 2) in the first's unit-circle frame."""
+    """Pairs (e,), (e,) of near blobs, both ways round, and second − first (e, 2) in the first's unit-circle
+    frame.
+    """
     neighbours = min(NEAREST, len(center) - 1)
     _, near = cKDTree(center).query(center, k=neighbours + 1)
     first = np.repeat(np.arange(len(center)), neighbours)
@@ -107,20 +117,19 @@ def _snap(angle: float) -> tuple[int, float]:
     return turn % 4, angle - turn * QUARTER
 
 
-def _grow_all(center: np.ndarray, edges: _Edges) -> Lattice:
-    """The largest of the lattices grown from every blob not yet reached, best connected blobs first."""
+def _grow_all(center: np.ndarray, edges: _Edges) -> list[Lattice]:
+    """The lattices grown from every blob not yet reached, best connected blobs first."""
     degree = np.diff(edges.start)
     free = degree >= 2
-    best_blob: list[int] = []
-    best_cell: list[tuple[int, int]] = []
+    lattices = []
     for seed in np.argsort(-np.minimum(degree, 4), kind="stable"):
-        if not free[seed] or free.sum() <= len(best_blob):
+        if not free[seed]:
             continue
         cells = _grow(int(seed), center, edges, free)
         free[list(cells)] = False
-        if len(cells) > len(best_blob):
-            best_blob, best_cell = list(cells), list(cells.values())
-    return Lattice(np.array(best_blob, dtype=int), np.array(best_cell, dtype=int).reshape(-1, 2))
+        if len(cells) >= FEWEST:
+            lattices.append(Lattice(np.array(list(cells)), np.array(list(cells.values())).reshape(-1, 2)))
+    return lattices
 
 
 def _seed_angle(seed: int, edges: _Edges) -> float:
@@ -147,7 +156,9 @@ def _grow(seed: int, center: np.ndarray, edges: _Edges, free: np.ndarray) -> dic
                 continue
             direction, rest = _snap(float(edges.angle[edge]) - frame[blob])
             if abs(rest) < 0.5:
-                heapq.heappush(queue, (float(edges.cost[edge]) + 0.4 * abs(rest), blob, other, direction, rest))
+                heapq.heappush(
+                    queue, (float(edges.cost[edge]) + 0.4 * abs(rest), blob, other, direction, rest)
+                )
 
     offer(seed)
     while queue:
@@ -163,7 +174,9 @@ def _grow(seed: int, center: np.ndarray, edges: _Edges, free: np.ndarray) -> dic
 
 
 def _carry_frame(blob: int, other: int, direction: int, edges: _Edges) -> float:
-    """The frame angle at ``other``: back along the edge by which it was reached, then the mean over its edges."""
+    """The frame angle at ``other``: back along the edge by which it was reached, then the mean over its
+    edges.
+    """
     own = slice(edges.start[other], edges.start[other + 1])
     angle, target = edges.angle[own], edges.second[own]
     back = float(angle[np.flatnonzero(target == blob)[0]]) - (direction + 2) * QUARTER
