@@ -1,0 +1,180 @@
+"""Levenberg–Marquardt bundle adjustment of camera, board warp and one pose a view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
+from fisheye_ep_calib.calibration.normal_equations import NormalEquations, solve_damped
+from fisheye_ep_calib.calibration.prediction import FeatureModel, predict
+from fisheye_ep_calib.calibration.robust import LINEAR, Loss
+from fisheye_ep_calib.calibration.rotation import moved_poses
+from fisheye_ep_calib.calibration.views import ViewBlock
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.incidence import PupilRange, pupil_range
+from fisheye_ep_calib.errors import InputError
+
+_CONVERGED = 1e-10  # predicted decrease of the cost, as a fraction of it
+
+
+@dataclass(frozen=True)
+class AdjustmentState:
+    """What is estimated. board_warp (3,): metres. camera_from_target (V, 4, 4)."""
+
+    camera: FisheyeCamera
+    camera_from_target: np.ndarray
+    board_warp: np.ndarray = field(default_factory=lambda: np.zeros(len(WARP_NAMES)))
+
+
+@dataclass(frozen=True)
+class AdjustmentProblem:
+    """What is seen and what is free.
+
+    free: bool (P,), which of camera.parameters are estimated; None frees none. theta_limit: rad, the largest
+    incidence angle that a trial camera may give a sighting.
+    """
+
+    blocks: tuple[ViewBlock, ...]
+    features: FeatureModel
+    free: np.ndarray
+    warp_free: bool = False
+    theta_limit: float = np.pi
+    loss: Loss = LINEAR
+
+    @property
+    def shared_size(self) -> int:
+        return int(self.free.sum()) + len(WARP_NAMES) * self.warp_free
+
+    @property
+    def view_count(self) -> int:
+        return sum(len(block.views) for block in self.blocks)
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """Where the adjustment ended. equations: the undamped normal equations there."""
+
+    state: AdjustmentState
+    equations: NormalEquations
+    iterations: int
+    converged: bool
+
+
+def camera_bounds(camera: FisheyeCamera, theta_limit: float) -> PupilRange:
+    """The bracket of the implicit angle while adjusting: r(θ) may still bend over on the way."""
+    return pupil_range(camera.pupil_family, camera.coefficients_array, theta_limit)
+
+
+def evaluate(problem: AdjustmentProblem, state: AdjustmentState) -> NormalEquations:
+    """The normal equations at a state."""
+    views, size = problem.view_count, problem.shared_size
+    columns = 6 + size + 1
+    hessian = np.zeros((views, columns, columns))
+    free = np.flatnonzero(problem.free)
+    bounds = camera_bounds(state.camera, problem.theta_limit)
+    cost, valid = 0.0, True
+    for block in problem.blocks:
+        found = predict(
+            state.camera,
+            problem.features,
+            state.board_warp,
+            state.camera_from_target[block.views],
+            block,
+            bounds,
+            jacobian=True,
+            warp_jacobian=problem.warp_free,
+        )
+        used = block.weights > 0
+        valid = valid and bool(found.valid[used].all())
+        system = np.empty((2, columns, *block.weights.shape))
+        system[:, :6] = found.d_pose
+        system[:, 6 : 6 + len(free)] = found.d_camera[:, free]
+        if problem.warp_free:
+            system[:, 6 + len(free) : 6 + size] = found.d_warp
+        np.subtract(found.pixels, block.pixels, out=system[:, -1])
+        weights = np.where(found.valid, block.weights, 0.0)
+        square = (system[0, -1] ** 2 + system[1, -1] ** 2) * weights**2
+        loss, factor = problem.loss.evaluate(square)
+        cost += 0.5 * float(loss[used].sum())
+        system *= weights * factor
+        by_view = np.swapaxes(system, 1, 2)
+        products = by_view[0] @ np.swapaxes(by_view[0], 1, 2)
+        products += by_view[1] @ np.swapaxes(by_view[1], 1, 2)
+        hessian[block.views] = products
+    return NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)))
+
+
+def residuals(problem: AdjustmentProblem, state: AdjustmentState, count: int):
+    """Predicted minus measured pixels (count, 2), incidence angles (count,) and validity, by observation row.
+
+    Rows that no block holds stay NaN and invalid.
+    """
+    result = np.full((count, 2), np.nan)
+    theta = np.full(count, np.nan)
+    valid = np.zeros(count, dtype=bool)
+    bounds = camera_bounds(state.camera, problem.theta_limit)
+    for block in problem.blocks:
+        poses = state.camera_from_target[block.views]
+        found = predict(state.camera, problem.features, state.board_warp, poses, block, bounds)
+        rows = block.rows[block.real]
+        result[rows] = (found.pixels - block.pixels)[:, block.real].T
+        theta[rows] = found.theta[block.real]
+        valid[rows] = found.valid[block.real]
+    return result, theta, valid
+
+
+def _stepped(problem: AdjustmentProblem, state: AdjustmentState, step) -> AdjustmentState | None:
+    """The state after a step, or None where it is no camera."""
+    parameters = state.camera.parameters.copy()
+    free_count = int(problem.free.sum())
+    parameters[problem.free] += step.shared[:free_count]
+    if not (np.isfinite(parameters).all() and np.isfinite(step.pose).all()):
+        return None
+    warp = state.board_warp + step.shared[free_count:] if problem.warp_free else state.board_warp
+    try:
+        camera = state.camera.with_parameters(parameters)
+    except InputError:
+        return None
+    return AdjustmentState(camera, moved_poses(state.camera_from_target, step.pose), warp)
+
+
+def adjust(
+    problem: AdjustmentProblem,
+    state: AdjustmentState,
+    max_iterations: int = 100,
+    tolerance: float = _CONVERGED,
+    damping: float = 1e-4,
+) -> Adjustment:
+    """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping rule; Madsen et al. 2004, algorithm 3.16).
+
+    Converged when the step's predicted decrease falls below tolerance × cost.
+    """
+    equations = evaluate(problem, state)
+    growth = 4.0
+    for iteration in range(max_iterations):
+        try:
+            step = solve_damped(equations, damping)
+        except np.linalg.LinAlgError:
+            damping, growth = max(damping, 1e-6) * growth, growth * 2
+            continue
+        floor = tolerance * max(equations.cost, 1e-14)
+        small = 0 <= step.predicted_decrease <= floor
+        trial = _stepped(problem, state, step)
+        trial_equations = evaluate(problem, trial) if trial is not None else None
+        decrease = equations.cost - trial_equations.cost if trial_equations is not None else -np.inf
+        accepted = trial_equations is not None and trial_equations.valid and decrease > 0
+        if accepted:
+            state, equations = trial, trial_equations
+            gain = decrease / step.predicted_decrease
+            damping *= max(0.05, 1 - (2 * gain - 1) ** 3)
+            damping, growth = max(damping, 1e-15), 4.0
+        if small and damping < 1.0:
+            return Adjustment(state, equations, iteration + 1, True)
+        if not accepted:
+            damping, growth = max(damping, 1e-6) * growth, growth * 2
+            if damping > 1e14:
+                # No downhill step exists beyond rounding: that is a minimum if the last step was small.
+                return Adjustment(state, equations, iteration + 1, small)
+    return Adjustment(state, equations, max_iterations, False)

@@ -1,0 +1,148 @@
+"""One fit: the paper's three steps for one structure of the camera.
+
+(i) the sightings, (ii) focal length and poses from nothing (initialization.py), refined as a plain Kannala–Brandt
+camera, (iii) everything else from zero, all refined together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.adjustment import (
+    Adjustment,
+    AdjustmentProblem,
+    AdjustmentState,
+    adjust,
+    residuals,
+)
+from fisheye_ep_calib.calibration.board_warp import WARP_NAMES, board_frame
+from fisheye_ep_calib.calibration.initialization import initial_guess
+from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.calibration.prediction import FeatureModel
+from fisheye_ep_calib.calibration.robust import LINEAR, Loss
+from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.calibration.views import ViewBlock, view_blocks
+from fisheye_ep_calib.errors import CalibrationError
+
+MIN_VIEWS = 3
+MIN_POINTS = 4  # sightings a view needs for its pose
+_ROUGH = 1e-3  # tolerance of the stage that only serves as a start
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """Observations made ready for fitting. images (V,): the image numbers of the pose array."""
+
+    observations: Observations
+    images: np.ndarray
+    blocks: tuple[ViewBlock, ...]
+    features: FeatureModel
+
+    @cached_property
+    def point_count(self) -> int:
+        return int(sum((block.weights > 0).sum() for block in self.blocks))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted structure."""
+
+    structure: Structure
+    sightings: Sightings
+    problem: AdjustmentProblem
+    adjustment: Adjustment
+
+    @property
+    def state(self) -> AdjustmentState:
+        return self.adjustment.state
+
+    @property
+    def rms_px(self) -> float:
+        """√ mean(dx² + dy²) of the weighted residuals over the points used."""
+        return float(np.sqrt(2 * self.adjustment.equations.cost / self.sightings.point_count))
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        return 2 * self.sightings.point_count - 6 * len(self.sightings.images) - self.problem.shared_size
+
+    @cached_property
+    def residuals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Predicted minus measured pixels (M, 2), incidence angles (M,) rad, validity (M,), by observation row."""
+        return residuals(self.problem, self.state, len(self.sightings.observations.pixels))
+
+
+def prepare(observations: Observations, disc_centers: str = "unbiased") -> Sightings:
+    """Leave out images with too few sightings. Raises CalibrationError where too few images remain."""
+    used = observations.image_index[observations.weights > 0]
+    images, counts = np.unique(used, return_counts=True)
+    images = images[counts >= MIN_POINTS]
+    if len(images) < MIN_VIEWS:
+        raise CalibrationError(
+            f"{len(images)} views have at least {MIN_POINTS} points; "
+            f"at least {MIN_VIEWS} are needed, and 20 or more for a good calibration: record more views"
+        )
+    kept = observations.select_images(images)
+    radius = observations.disc_radius if disc_centers == "unbiased" else None
+    features = FeatureModel(board_frame(observations.object_points), radius)
+    return Sightings(kept, images, view_blocks(kept, images), features)
+
+
+def with_weights(sightings: Sightings, weights: np.ndarray) -> Sightings:
+    """The same sightings under other weights (M,); views that lose too many points are left out."""
+    kept = replace(sightings.observations, weights=weights)
+    images, counts = np.unique(kept.image_index[weights > 0], return_counts=True)
+    images = images[counts >= MIN_POINTS]
+    if len(images) < MIN_VIEWS:
+        raise CalibrationError(
+            "fewer than three views remain once wrong points are left out; "
+            "check that the target file describes the board in the images"
+        )
+    kept = kept.select_images(images)
+    return Sightings(kept, images, view_blocks(kept, images), sightings.features)
+
+
+def first_fit(sightings: Sightings, lens: str = "kannala_brandt", loss: Loss = LINEAR) -> Fit:
+    """Steps (i) and (ii): a rough plain camera and poses with nothing known beforehand."""
+    observations = sightings.observations
+    guess = initial_guess(
+        sightings.blocks, sightings.features.board, observations.image_size, len(sightings.images)
+    )
+    structure = Structure("kannala", lens=lens, skew=False)
+    focal = guess.focal_length
+    camera = structure.camera(observations.image_size, focal, guess.centre)
+    state = AdjustmentState(camera, guess.camera_from_target)
+    # Centres of discs, naive here, serve well enough for a start.
+    features = replace(sightings.features, disc_radius=None)
+    problem = AdjustmentProblem(sightings.blocks, features, structure.free(camera), loss=loss)
+    adjustment = adjust(problem, state, max_iterations=30, tolerance=_ROUGH)
+    return Fit(structure, sightings, problem, adjustment)
+
+
+def refine(start: Fit, structure: Structure, sightings: Sightings | None = None, loss: Loss = LINEAR) -> Fit:
+    """Step (iii): fit a structure from where another one ended, to convergence."""
+    sightings = sightings or start.sightings
+    state = start.state
+    camera = structure.camera_like(state.camera)
+    position = np.searchsorted(start.sightings.images, sightings.images)
+    poses = state.camera_from_target[position]
+    warp = state.board_warp if structure.board_warp else np.zeros(len(WARP_NAMES))
+    theta = start.residuals[1]
+    problem = AdjustmentProblem(
+        sightings.blocks,
+        sightings.features,
+        structure.free(camera),
+        structure.board_warp,
+        theta_limit=float(min(np.pi, 1.2 * np.nanmax(theta) + 0.1)),
+        loss=loss,
+    )
+    unknowns = problem.shared_size + 6 * len(sightings.images)
+    if 2 * sightings.point_count <= unknowns:
+        raise CalibrationError(
+            f"{sightings.point_count} points give {2 * sightings.point_count} equations for {unknowns} unknowns: "
+            "record more views or views with more of the target's points"
+        )
+    adjustment = adjust(problem, AdjustmentState(camera, poses, warp))
+    return Fit(structure, sightings, problem, adjustment)

@@ -1,0 +1,123 @@
+"""The normal equations of the bundle adjustment, view by view, and their solution by Schur complement.
+
+For the pose of view j and the shared parameters s (camera and board warp):
+
+    [ A_j   B_j ] [δ_j]     [g_j]
+    [ B_jᵀ  C   ] [δ_s] = − [g_s],     C = Σ_j C_j,  g_s = Σ_j g_sj
+
+Eliminating the poses: (C − Σ B_jᵀ A_j⁻¹ B_j) δ_s = −(g_s − Σ B_jᵀ A_j⁻¹ g_j), then δ_j = −A_j⁻¹ (g_j + B_j δ_s)
+(Triggs et al., "Bundle adjustment: a modern synthesis", section 6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """by_view (V, 6 + S + 1, 6 + S + 1): JᵀJ of each view for the columns (pose, shared, residual).
+
+    cost: half the sum of the squared (or robust) residuals, px². valid: every prediction exists.
+    """
+
+    by_view: np.ndarray
+    cost: float
+    valid: bool
+
+    @property
+    def pose(self) -> np.ndarray:
+        """A_j (V, 6, 6)."""
+        return self.by_view[:, :6, :6]
+
+    @property
+    def mixed(self) -> np.ndarray:
+        """B_j (V, 6, S)."""
+        return self.by_view[:, :6, 6:-1]
+
+    @property
+    def pose_gradient(self) -> np.ndarray:
+        """g_j (V, 6)."""
+        return self.by_view[:, :6, -1]
+
+    @cached_property
+    def shared(self) -> np.ndarray:
+        """C (S, S)."""
+        return self.by_view[:, 6:-1, 6:-1].sum(axis=0)
+
+    @cached_property
+    def shared_gradient(self) -> np.ndarray:
+        """g_s (S,)."""
+        return self.by_view[:, 6:-1, -1].sum(axis=0)
+
+    def of_views(self, views: np.ndarray) -> NormalEquations:
+        """The equations of some of the views alone, at the same state."""
+        part = self.by_view[views]
+        return NormalEquations(part, 0.5 * float(part[:, -1, -1].sum()), self.valid)
+
+
+@dataclass(frozen=True)
+class Step:
+    """pose (V, 6), shared (S,); predicted_decrease of the cost, px²."""
+
+    pose: np.ndarray
+    shared: np.ndarray
+    predicted_decrease: float
+
+
+def _reduce(pose, mixed, shared, pose_gradient, shared_gradient):
+    """Eliminate the poses: reduced matrix (S, S), reduced gradient (S,), and A⁻¹ [B, g] (V, 6, S + 1)."""
+    right = np.concatenate([mixed, pose_gradient[..., None]], axis=-1)
+    solved = np.linalg.solve(pose, right)
+    size = shared.shape[0]
+    folded = mixed.reshape(-1, size).T @ solved.reshape(-1, size + 1)
+    return shared - folded[:, :size], shared_gradient - folded[:, size], solved
+
+
+def solve_damped(equations: NormalEquations, damping: float) -> Step:
+    """The Levenberg–Marquardt step: diagonal entries multiplied by 1 + damping (Marquardt's scaling).
+
+    Raises numpy.linalg.LinAlgError where a pose block is singular.
+    """
+    diagonal = np.arange(6)
+    pose = equations.pose.copy()
+    pose[:, diagonal, diagonal] *= 1 + damping
+    shared = equations.shared.copy()
+    size = shared.shape[0]
+    shared[np.arange(size), np.arange(size)] *= 1 + damping
+    reduced, gradient, solved = _reduce(
+        pose, equations.mixed, shared, equations.pose_gradient, equations.shared_gradient
+    )
+    shared_step = -solve_scaled(reduced, gradient)
+    pose_step = -(solved[..., size] + solved[..., :size] @ shared_step)
+    linear = shared_step @ equations.shared_gradient + (pose_step * equations.pose_gradient).sum()
+    damped = (
+        (pose_step**2 * equations.pose[:, diagonal, diagonal]).sum()
+        + (shared_step**2 * np.diag(equations.shared)).sum()
+    ) * damping
+    return Step(pose_step, shared_step, float(0.5 * (damped - linear)))
+
+
+def solve_scaled(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve a symmetric positive definite system (S, S) after scaling its diagonal to one."""
+    if matrix.shape[0] == 0:
+        return np.zeros_like(right)
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix * scale[:, None] * scale
+    weight = scale if right.ndim == 1 else scale[:, None]
+    return weight * np.linalg.solve(scaled, weight * right)
+
+
+def reduced_information(equations: NormalEquations) -> np.ndarray:
+    """(S, S): the information on the shared parameters once every pose is free (inverse covariance × σ²)."""
+    reduced, _, _ = _reduce(
+        equations.pose,
+        equations.mixed,
+        equations.shared,
+        equations.pose_gradient,
+        equations.shared_gradient,
+    )
+    return 0.5 * (reduced + reduced.T)

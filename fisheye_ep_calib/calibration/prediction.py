@@ -1,0 +1,126 @@
+"""What a camera predicts for a block of views, and its Jacobian by pose, camera and board warp.
+
+    P ← P + (Σ_i warp_i shape_i(P)) e_z      the target's bow, target frame (board_warp.py)
+    p = R P + t                              camera frame
+    feature = project(p), or the centre of gravity of the projected disc around P
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.board_warp import BoardFrame
+from fisheye_ep_calib.calibration.views import ViewBlock
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.incidence import PupilRange
+from fisheye_ep_calib.camera.projection import project_coordinates
+from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
+
+_BOUNDARY_SAMPLES = 8  # the centroid is then right to 1e-5 px
+
+
+@dataclass(frozen=True)
+class FeatureModel:
+    """What the sightings are. disc_radius: metres, None where they are points. board: frame of warp and discs."""
+
+    board: BoardFrame
+    disc_radius: float | None = None
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """pixels (2, B, N); valid (B, N); theta (B, N) rad of the point itself.
+
+    d_pose (2, 6, B, N): by (ω, δt) of R ← exp(ω) R, t ← t + δt. d_camera (2, P, B, N): by camera.parameters.
+    d_warp (2, 3, B, N).
+    """
+
+    pixels: np.ndarray
+    valid: np.ndarray
+    theta: np.ndarray
+    d_pose: np.ndarray | None = None
+    d_camera: np.ndarray | None = None
+    d_warp: np.ndarray | None = None
+
+
+def predict(
+    camera: FisheyeCamera,
+    features: FeatureModel,
+    board_warp: np.ndarray,
+    camera_from_target: np.ndarray,
+    block: ViewBlock,
+    bounds: PupilRange,
+    jacobian: bool = False,
+    warp_jacobian: bool = False,
+) -> Prediction:
+    """Predict every sighting of a block. camera_from_target (B, 4, 4) belongs to the block's views."""
+    points = block.object_points
+    if features.disc_radius is None:
+        return _predict_points(
+            camera, features, board_warp, camera_from_target, points, bounds, jacobian, warp_jacobian
+        )
+    edge = features.disc_radius * boundary_directions(_BOUNDARY_SAMPLES) @ features.board.axes[:, :2].T
+    boundary = points[:, None] + np.moveaxis(edge, -1, 0)[:, :, None, None]
+    found = _predict_points(
+        camera, features, board_warp, camera_from_target, boundary, bounds, jacobian, warp_jacobian
+    )
+    pixels, d_samples = curve_centroid(found.pixels[0], found.pixels[1])
+    valid, theta = found.valid.all(axis=0), found.theta.mean(axis=0)
+    if not jacobian:
+        return Prediction(pixels, valid, theta)
+    return Prediction(
+        pixels,
+        valid,
+        theta,
+        _contract(d_samples, found.d_pose),
+        _contract(d_samples, found.d_camera),
+        _contract(d_samples, found.d_warp) if warp_jacobian else None,
+    )
+
+
+def _contract(d_samples: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Chain rule: (2, 2, K, B, N) by (2, Q, K, B, N) over coordinate and sample, giving (2, Q, B, N)."""
+    result = np.empty((2, columns.shape[1], *columns.shape[3:]))
+    for out in range(2):
+        for column in range(columns.shape[1]):
+            result[out, column] = (
+                d_samples[out, 0] * columns[0, column] + d_samples[out, 1] * columns[1, column]
+            ).sum(axis=0)
+    return result
+
+
+def _predict_points(
+    camera, features, board_warp, camera_from_target, points, bounds, jacobian, warp_jacobian
+) -> Prediction:
+    """Points (3, ..., B, N) in the target frame through poses (B, 4, 4)."""
+    shapes = None
+    if warp_jacobian or np.any(board_warp):
+        shapes = features.board.warp_shapes(points)
+        height = np.tensordot(board_warp, shapes, axes=1)
+        points = points + features.board.axes[:, 2].reshape(3, *[1] * height.ndim) * height
+    rotation = camera_from_target[:, :3, :3, None]
+    offset = camera_from_target[:, :3, 3, None]
+    rotated = [
+        rotation[:, i, 0] * points[0] + rotation[:, i, 1] * points[1] + rotation[:, i, 2] * points[2]
+        for i in range(3)
+    ]
+    x, y, z = (rotated[i] + offset[:, i] for i in range(3))
+    found = project_coordinates(camera, x, y, z, bounds, jacobian)
+    pixels = np.stack([found.u, found.v])
+    if not jacobian:
+        return Prediction(pixels, found.valid, found.theta)
+    d_point = found.d_point
+    d_pose = np.empty((2, 6, *found.u.shape))
+    for row in range(2):
+        d_pose[row, 0] = rotated[1] * d_point[row, 2] - rotated[2] * d_point[row, 1]
+        d_pose[row, 1] = rotated[2] * d_point[row, 0] - rotated[0] * d_point[row, 2]
+        d_pose[row, 2] = rotated[0] * d_point[row, 1] - rotated[1] * d_point[row, 0]
+    d_pose[:, 3:] = d_point
+    d_warp = None
+    if warp_jacobian:
+        normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
+        along = sum(d_point[:, i] * normal[:, i, None] for i in range(3))
+        d_warp = along[:, None] * shapes
+    return Prediction(pixels, found.valid, found.theta, d_pose, found.d_parameters, d_warp)

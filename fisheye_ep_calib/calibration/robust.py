@@ -1,0 +1,37 @@
+"""Robust losses: how much a residual counts, as a function of its squared length in units of its scale."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Loss:
+    """kind "linear", "huber" or "cauchy"; scale in pixels: where a residual stops counting fully."""
+
+    kind: str = "linear"
+    scale: float = 1.0
+
+    def evaluate(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ρ and √ρ′ of squared residual lengths (px²), of the same shape.
+
+        huber: ρ = s for s ≤ c², 2 c √s − c² beyond; cauchy: ρ = c² ln(1 + s/c²).
+        """
+        if self.kind == "linear":
+            return square, np.ones_like(square)
+        limit = self.scale**2
+        if self.kind == "cauchy":
+            ratio = square / limit
+            return limit * np.log1p(ratio), 1 / np.sqrt(1 + ratio)
+        length = np.sqrt(np.maximum(square, limit))
+        outside = square > limit
+        value = np.where(outside, 2 * self.scale * length - limit, square)
+        return value, np.where(outside, np.sqrt(self.scale / length), 1.0)
+
+
+LINEAR = Loss()
+
+
+def robust_spread(lengths: np.ndarray) -> float:
+    """Standard deviation per axis, px, from the median of residual lengths: median = 1.17741 σ (Rayleigh)."""
+    return float(np.median(lengths) / 1.1774100225154747) if len(lengths) else 0.0

@@ -1,0 +1,89 @@
+"""What a calibration estimates: the family of the pupil, the lens and what is added to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
+from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
+from fisheye_ep_calib.errors import InputError
+
+
+@dataclass(frozen=True)
+class Structure:
+    """model: key of PUPIL_FAMILIES. terms: of E(θ); None takes the family's own number.
+
+    lens: key of LENSES. skew: whether it is estimated or zero. extras: names of LENS_EXTRAS that are estimated.
+    board_warp: whether the target's bow is estimated.
+    """
+
+    model: str = "ep_even"
+    terms: int | None = None
+    lens: str = "kannala_brandt"
+    skew: bool = True
+    extras: tuple[str, ...] = ()
+    board_warp: bool = False
+
+    def __post_init__(self) -> None:
+        if self.model not in PUPIL_FAMILIES:
+            raise InputError(f"unknown model {self.model!r}; known: {', '.join(PUPIL_FAMILIES)}, auto")
+        if self.lens not in LENSES:
+            raise InputError(f"unknown lens {self.lens!r}; known: {', '.join(LENSES)}")
+        for name in self.extras:
+            if name not in LENS_EXTRAS:
+                raise InputError(f"unknown lens extra {name!r}; known: {', '.join(LENS_EXTRAS)}")
+        most = PUPIL_FAMILIES[self.model].max_terms
+        if self.terms is not None and self.model != "kannala" and not 1 <= self.terms <= most:
+            raise InputError(f"{self.model} takes 1 to {most} terms, not {self.terms}")
+
+    @property
+    def pupil_terms(self) -> int:
+        family = PUPIL_FAMILIES[self.model]
+        if family.max_terms == 0 or self.terms is None:
+            return family.default_terms
+        return self.terms
+
+    @property
+    def parameter_count(self) -> int:
+        """Shared parameters that are estimated."""
+        extras = sum(len(LENS_EXTRAS[name].coefficient_names) for name in self.extras)
+        lens = len(LENSES[self.lens].coefficient_names)
+        return 4 + self.skew + lens + extras + self.pupil_terms + len(WARP_NAMES) * self.board_warp
+
+    def camera(self, image_size, focal_length: float, centre: np.ndarray) -> FisheyeCamera:
+        """The camera to start from: no pupil shift, no skew, no extras at work."""
+        return FisheyeCamera(
+            image_size,
+            focal_length,
+            focal_length,
+            float(centre[0]),
+            float(centre[1]),
+            radial=LENSES[self.lens].central_coefficients,
+            model=self.model,
+            coefficients=(0.0,) * self.pupil_terms,
+            extras={name: (0.0,) * len(LENS_EXTRAS[name].coefficient_names) for name in self.extras},
+            lens=self.lens,
+        )
+
+    def camera_like(self, other: FisheyeCamera) -> FisheyeCamera:
+        """This structure's camera with every parameter that it shares with another's; the rest starts at zero."""
+        start = self.camera(other.image_size, other.fx, np.array([other.cx, other.cy]))
+        known = dict(zip(other.parameter_names, other.parameters, strict=True))
+        if other.model != self.model:
+            known = {name: value for name, value in known.items() if not _is_pupil(name)}
+        if other.lens != self.lens:
+            known = {name: known[name] for name in known if name in LENS_EXTRAS or _is_pupil(name)}
+        if not self.skew:
+            known["skew"] = 0.0
+        values = [known.get(name, value) for name, value in zip(start.parameter_names, start.parameters, strict=True)]
+        return start.with_parameters(np.array(values))
+
+    def free(self, camera: FisheyeCamera) -> np.ndarray:
+        """bool (P,): which of camera.parameters are estimated."""
+        return np.array([name != "skew" or self.skew for name in camera.parameter_names])
+
+
+def _is_pupil(name: str) -> bool:
+    return name[0] == "e" and name[1:].isdigit()
