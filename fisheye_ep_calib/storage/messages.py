@@ -1,0 +1,28 @@
+"""Serialized image messages, of ROS 2 (CDR) and ROS 1, to objects.
+
+Both image types have kept their fields since ROS 1, so the definitions a bag carries or lacks do not matter.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from rosbags.typesys import Stores, get_typestore
+
+from fisheye_ep_calib.errors import InputError
+
+
+@lru_cache(maxsize=2)
+def _typestore(encoding: str):
+    return get_typestore(Stores.ROS2_JAZZY if encoding == "cdr" else Stores.ROS1_NOETIC)
+
+
+def deserialize(content: bytes, type_name: str, encoding: str):
+    """A message of ``type_name`` from its bytes; encoding "cdr" or "ros1". Raises InputError."""
+    store = _typestore(encoding)
+    read = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
+    try:
+        return read(content, type_name)
+    except Exception as error:  # generated code over damaged bytes fails in every way there is
+        detail = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"the message is damaged ({detail})") from None

@@ -1,0 +1,166 @@
+"""Recorded images, whatever they are stored in: found by type, in order of time, decoded when asked for."""
+
+from __future__ import annotations
+
+import heapq
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.sources.base import Entry, Source
+from fisheye_ep_calib.storage.sources.find import find_sources
+
+
+@dataclass(frozen=True)
+class ImageTopic:
+    """A topic with images: ``count`` of them, of a ROS message type or image files."""
+
+    name: str
+    type: str
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.count} × {self.type})"
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image, not read yet. ``index`` counts the topic's images from 0, in the order of time."""
+
+    topic: str
+    index: int
+    stamp_ns: int
+    name: str
+    _source: Source = field(repr=False, compare=False)
+    _entry: Entry = field(repr=False, compare=False)
+
+    def image(self) -> np.ndarray:
+        """Grey (h, w) uint8, read and decoded now. Raises InputError where this one image is damaged."""
+        return self._source.image(self.topic, self._entry)
+
+    @property
+    def frame_id(self) -> str:
+        """The header's frame_id; reads the message. Empty for an image file."""
+        return self._source.frame_id(self.topic, self._entry)
+
+
+class Recording:
+    """Several cameras' images from one or more files. Pickles, so that every worker reads for itself.
+
+    problems: what of the recording is lost, in words; empty for an undamaged one.
+    topics: every topic → its type, those without images too.
+    """
+
+    def __init__(self, sources: Sequence[Source], problems: Sequence[str] = (), scratch=None) -> None:
+        self._sources = tuple(sources)
+        self._scratch = scratch
+        self.problems = tuple(problems)
+        self.topics: dict[str, str] = {}
+        self._frames: dict[str, list[tuple[Source, Entry]]] = {}
+        for source in self._sources:
+            self.topics.update(source.topics)
+            for topic, entries in source.entries.items():
+                self._frames.setdefault(topic, []).extend((source, entry) for entry in entries)
+        for frames in self._frames.values():
+            frames.sort(key=lambda frame: frame[1].stamp_ns)
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close every file and remove what was decompressed."""
+        for source in self._sources:
+            source.close()
+        if self._scratch is not None:
+            self._scratch.cleanup()
+
+    def __getstate__(self) -> dict:
+        return {**self.__dict__, "_scratch": None}
+
+    def image_topics(self) -> tuple[ImageTopic, ...]:
+        """The topics that hold images, by name."""
+        return tuple(
+            ImageTopic(name, self.topics[name], len(frames))
+            for name, frames in sorted(self._frames.items())
+            if frames
+        )
+
+    def count(self, topic: str) -> int:
+        """How many images a topic holds."""
+        return len(self._frames.get(topic, ()))
+
+    def frame(self, topic: str, index: int) -> Frame:
+        """The image of that number, counted from 0 in the order of time."""
+        source, entry = self._frames[topic][index]
+        return Frame(topic, index, entry.stamp_ns, source.name(entry), source, entry)
+
+    def frames(self, topics: Sequence[str] | None = None) -> Iterator[Frame]:
+        """Every image of these topics (default: of all), in the order of time; none is read yet."""
+        names = [topic.name for topic in self.image_topics()] if topics is None else topics
+        runs = [
+            map(lambda index, name=name: self.frame(name, index), range(self.count(name))) for name in names
+        ]
+        return heapq.merge(*runs, key=lambda frame: frame.stamp_ns)
+
+
+def open_recording(
+    paths: str | os.PathLike | Sequence[str | os.PathLike], *, strict: bool = False
+) -> Recording:
+    """Open bags, folders of images or patterns such as ``images/*.png``, several of them as one recording.
+
+    A damaged file is used as far as it can be read, and ``problems`` says what is lost; ``strict`` refuses it
+    instead. Raises InputError where there is nothing to use.
+    """
+    names = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    scratch = tempfile.TemporaryDirectory(prefix="fisheye_ep_calib_")
+    try:
+        sources, problems = find_sources(names, Path(scratch.name))
+        recording = Recording(sources, problems, scratch)
+        if strict and problems:
+            raise InputError(_first_of(problems))
+        if not recording.image_topics():
+            raise InputError(_no_images(recording, ", ".join(map(str, names))))
+    except BaseException:
+        scratch.cleanup()
+        raise
+    return recording
+
+
+def choose_topics(recording: Recording, wanted: Sequence[str] = ()) -> tuple[str, ...]:
+    """The topics to use: those wanted, or the only one. Raises InputError that lists the candidates."""
+    topics = recording.image_topics()
+    listed = ", ".join(map(str, topics))
+    if not wanted:
+        if len(topics) == 1:
+            return (topics[0].name,)
+        raise InputError(
+            f"the recording has {len(topics)} image topics: {listed}; choose with --topic NAME=TOPIC"
+        )
+    for name in wanted:
+        if name not in {topic.name for topic in topics}:
+            kind = recording.topics.get(name)
+            said = f"topic {name} is of type {kind}" if kind else f"there is no topic {name}"
+            raise InputError(f"{said}; image topics: {listed}")
+    return tuple(wanted)
+
+
+def _first_of(problems: Sequence[str]) -> str:
+    more = f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
+    return problems[0] + more
+
+
+def _no_images(recording: Recording, names: str) -> str:
+    lost = f"; {_first_of(recording.problems)}" if recording.problems else ""
+    if not recording.topics:
+        return f"{names} holds no messages{lost}"
+    topics = [f"{name} ({kind})" for name, kind in sorted(recording.topics.items())]
+    shown = ", ".join(topics[:10]) + (f" and {len(topics) - 10} more" if len(topics) > 10 else "")
+    return f"{names} holds no images; its topics: {shown}{lost}"

@@ -1,0 +1,117 @@
+"""What every source of images offers, whatever its format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
+from fisheye_ep_calib.storage.images import decode_compressed, decode_image
+from fisheye_ep_calib.storage.messages import deserialize
+
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
+
+MAX_MESSAGE_BYTES = 2**30
+
+
+class Entry(NamedTuple):
+    """One image: when it was recorded, and where in the file it is, in the format's own terms."""
+
+    stamp_ns: int
+    location: tuple[int, ...]
+
+
+class Source:
+    """One file, indexed when made. Pickles without its open file, so that workers can read by themselves.
+
+    topics: every topic in the file → its type as ROS 2 spells it. entries: image topics → their images.
+    problems: what of the file is lost, in words a user understands.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.topics: dict[str, str] = {}
+        self.entries: dict[str, list[Entry]] = {}
+        self.problems: list[str] = []
+        self._file: Any = None
+
+    def image(self, topic: str, entry: Entry) -> np.ndarray:
+        """The image as grey (h, w) uint8. Raises InputError where it is damaged."""
+        raise NotImplementedError
+
+    def frame_id(self, topic: str, entry: Entry) -> str:
+        """The frame_id in the image's header; empty where there is none."""
+        return ""
+
+    def name(self, entry: Entry) -> str:
+        """What to call the image: its time, as ROS prints it."""
+        return f"{entry.stamp_ns // 10**9}.{entry.stamp_ns % 10**9:09d}"
+
+    def close(self) -> None:
+        """Close the file; it is opened again when needed."""
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+    def __getstate__(self) -> dict:
+        return {**self.__dict__, "_file": None}
+
+
+class BagSource(Source):
+    """A file of serialized messages.
+
+    encodings: image topics → "cdr" or "ros1".
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.encodings: dict[str, str] = {}
+
+    def read(self, topic: str, entry: Entry) -> bytes:
+        """The serialized message. Raises InputError where it is damaged."""
+        raise NotImplementedError
+
+    def message(self, topic: str, entry: Entry):
+        """The message, with the attributes its ROS definition names. Raises InputError."""
+        try:
+            content = self.read(topic, entry)
+        except OSError as error:
+            raise InputError(f"{self.path} cannot be read: {error.strerror or error}") from None
+        if self.encodings[topic] == "cdr" and content[:4] == ZSTD_MAGIC:  # rosbag2's compression by message
+            content = decompress(content, "zstd", MAX_MESSAGE_BYTES)
+        return deserialize(content, self.topics[topic], self.encodings[topic])
+
+    def image(self, topic: str, entry: Entry) -> np.ndarray:
+        decode = decode_image if self.topics[topic] == IMAGE else decode_compressed
+        return decode(self.message(topic, entry))
+
+    def frame_id(self, topic: str, entry: Entry) -> str:
+        return str(self.message(topic, entry).header.frame_id)
+
+    def _stream(self) -> BinaryIO:
+        if self._file is None:
+            try:
+                self._file = open(self.path, "rb")
+            except OSError as error:
+                raise InputError(f"{self.path} cannot be opened: {error.strerror or error}") from None
+        return self._file
+
+    def _add_topic(self, topic: str, type_name: str, encoding: str) -> bool:
+        """Note a topic; True where its images can be read."""
+        self.topics[topic] = ros2_type(type_name)
+        if self.topics[topic] not in IMAGE_TYPES or encoding not in ("cdr", "ros1"):
+            return False
+        self.encodings[topic] = encoding
+        self.entries.setdefault(topic, [])
+        return True
+
+
+def ros2_type(name: str) -> str:
+    """ROS 1 writes pkg/Name, ROS 2 pkg/msg/Name."""
+    parts = name.split("/")
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name

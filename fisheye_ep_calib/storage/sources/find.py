@@ -1,0 +1,160 @@
+"""From what the user names, a file, a folder or a pattern, to the sources it holds."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
+from fisheye_ep_calib.storage.sources import bag_file, db3_file, mcap_records
+from fisheye_ep_calib.storage.sources.bag_file import BagFile
+from fisheye_ep_calib.storage.sources.base import Source
+from fisheye_ep_calib.storage.sources.db3_file import Db3File
+from fisheye_ep_calib.storage.sources.image_files import ImageFiles, is_image_file, natural_order
+from fisheye_ep_calib.storage.sources.mcap_file import McapFile
+
+BAG_KINDS = ((mcap_records.MAGIC, McapFile), (db3_file.MAGIC, Db3File), (bag_file.MAGIC, BagFile))
+BAG_SUFFIXES = {".mcap": McapFile, ".db3": Db3File, ".bag": BagFile}
+MAX_METADATA_BYTES = 2**24
+
+
+def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> tuple[list[Source], list[str]]:
+    """The sources that ``paths`` name, and what of them is lost, in words.
+
+    scratch: a folder for what must be decompressed before it can be read. Raises InputError where nothing is.
+    """
+    if not paths:
+        raise InputError("no recording is named")
+    sources: list[Source] = []
+    problems: list[str] = []
+    loose_images: list[Path] = []
+    try:
+        for path in _expand(paths):
+            if is_image_file(path):
+                loose_images.append(path)
+            elif path.is_dir():
+                sources += _sources_in_folder(path, scratch, problems)
+            else:
+                sources.append(_open_bag(path, scratch, problems))
+        for folder in dict.fromkeys(path.parent for path in loose_images):
+            files = [path for path in loose_images if path.parent == folder]
+            sources.append(ImageFiles(folder.absolute().name or "images", files))
+    except BaseException:
+        for source in sources:
+            source.close()
+        raise
+    for source in sources:
+        problems += source.problems
+    return sources, problems
+
+
+def _expand(paths: Sequence[str | os.PathLike]) -> list[Path]:
+    """Patterns become the files they match; every other path must exist."""
+    found = []
+    for name in paths:
+        path = Path(name)
+        if os.path.exists(path):
+            found.append(path)
+            continue
+        matches = sorted(map(Path, glob.glob(os.fspath(name), recursive=True)), key=natural_order)
+        if not matches:
+            raise InputError(f"{name} does not exist")
+        found += matches
+    return list(dict.fromkeys(found))
+
+
+def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list[Source]:
+    try:
+        contents = sorted(folder.iterdir(), key=natural_order)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read: {error.strerror or error}") from None
+    bags = [path for path in contents if path.is_file() and _bag_suffix(path)]
+    if bags or (folder / "metadata.yaml").exists():
+        return _sources_of_bag_folder(folder, bags, scratch, problems)
+    images = [path for path in contents if is_image_file(path)]
+    if images:
+        return [ImageFiles(folder.absolute().name or "images", images)]
+    by_camera = {
+        path: [file for file in path.iterdir() if is_image_file(file)] for path in contents if path.is_dir()
+    }
+    sources: list[Source] = [ImageFiles(path.name, files) for path, files in by_camera.items() if files]
+    if not sources:
+        raise InputError(
+            f"{folder} holds neither a bag (.mcap, .db3, .bag) nor images (.png, .jpg, .bmp, .tif)"
+        )
+    return sources
+
+
+def _sources_of_bag_folder(
+    folder: Path, bags: list[Path], scratch: Path, problems: list[str]
+) -> list[Source]:
+    """The files of a rosbag2 folder, or ROS 1 bags side by side; an unreadable one spares the others."""
+    missing = [name for name in _files_listed(folder) if not (folder / name).exists()]
+    if missing:
+        problems.append(f"{folder}: {', '.join(missing)} listed in metadata.yaml but not there")
+    sources: list[Source] = []
+    failures = []
+    for path in bags:
+        try:
+            sources.append(_open_bag(path, scratch, problems))
+        except InputError as error:
+            failures.append(str(error))
+    if not sources:
+        raise InputError((failures + problems + [f"{folder} holds no bag file"])[0])
+    problems += failures
+    return sources
+
+
+def _files_listed(folder: Path) -> list[str]:
+    """The storage files that metadata.yaml names; none where it is absent or damaged: it is not needed."""
+    path = folder / "metadata.yaml"
+    try:
+        if path.stat().st_size > MAX_METADATA_BYTES:
+            return []
+        metadata = yaml.safe_load(path.read_text(errors="replace"))
+        names = metadata["rosbag2_bagfile_information"]["relative_file_paths"]
+        return [Path(name).name for name in names]
+    except (OSError, yaml.YAMLError, RecursionError, KeyError, TypeError, ValueError):
+        return []
+
+
+def _bag_suffix(path: Path) -> str:
+    """.mcap, .db3 or .bag, also under .zstd; empty for any other file."""
+    name = path.with_suffix("") if path.suffix == ".zstd" else path
+    return name.suffix if name.suffix in BAG_SUFFIXES else ""
+
+
+def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:
+    """A bag by what its first bytes say it is, or else by its name."""
+    try:
+        with open(path, "rb") as file:
+            start = file.read(16)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    if not start:
+        raise InputError(f"{path} is empty")
+    if start.startswith(ZSTD_MAGIC):
+        packed, path = path, _decompressed(path, scratch, problems)
+        if path.stat().st_size == 0:
+            raise InputError(f"{packed} is empty or damaged")
+        with open(path, "rb") as file:
+            start = file.read(16)
+    kinds = [kind for magic, kind in BAG_KINDS if start.startswith(magic)]
+    kind = kinds[0] if kinds else BAG_SUFFIXES.get(_bag_suffix(path))
+    if kind is None:
+        raise InputError(f"{path} is neither a bag (.mcap, .db3, .bag) nor an image nor a folder of either")
+    return kind(path)
+
+
+def _decompressed(path: Path, scratch: Path, problems: list[str]) -> Path:
+    """A .zstd file's content as a file in ``scratch``."""
+    destination = scratch / f"{len(list(scratch.iterdir()))}_{path.stem}"
+    problem = decompress_file(path, destination)
+    if problem:
+        problems.append(problem)
+    return destination

@@ -1,0 +1,49 @@
+"""Image files on disk, taken as one camera's recording."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.images import decode_file_content
+from fisheye_ep_calib.storage.sources.base import Entry, Source
+
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
+IMAGE_FILE = "image file"
+MAX_FILE_BYTES = 2**30
+
+
+class ImageFiles(Source):
+    """An entry's location is (number of the file,); its time is that number, for files carry no time."""
+
+    def __init__(self, topic: str, files: Iterable[Path]) -> None:
+        self.files = sorted(files, key=natural_order)
+        super().__init__(self.files[0].parent)
+        self.topics[topic] = IMAGE_FILE
+        self.entries[topic] = [Entry(number, (number,)) for number in range(len(self.files))]
+
+    def name(self, entry: Entry) -> str:
+        return self.files[entry.location[0]].name
+
+    def image(self, topic: str, entry: Entry) -> np.ndarray:
+        path = self.files[entry.location[0]]
+        try:
+            if path.stat().st_size > MAX_FILE_BYTES:
+                raise InputError("the file is too large for an image")
+            return decode_file_content(path.read_bytes())
+        except OSError as error:
+            raise InputError(f"the file cannot be read ({error.strerror or error})") from None
+
+
+def is_image_file(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
+
+
+def natural_order(path: Path) -> tuple:
+    """Sorts img2 before img10."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
