@@ -4,6 +4,7 @@ from fisheye_ep_calib.simulation.bag import StampedImage, write_bag
 from fisheye_ep_calib.simulation.poses import look_pose, paper_poses, random_poses
 from fisheye_ep_calib.simulation.rendering import Imaging, render
 from fisheye_ep_calib.simulation.scenes import paper_camera, paper_target
+from fisheye_ep_calib.simulation.sequence import render_views
 from fisheye_ep_calib.simulation.truth import disc_centroids, feature_pixels, observe
 
 __all__ = [
@@ -18,5 +19,6 @@ __all__ = [
     "paper_target",
     "random_poses",
     "render",
+    "render_views",
     "write_bag",
 ]

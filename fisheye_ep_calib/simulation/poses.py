@@ -23,7 +23,7 @@ def look_pose(
     """Pose (4, 4) of a target whose middle is seen in one direction and whose print looks back at the camera.
 
     theta, azimuth: direction of the middle of its points from the camera's origin, rad. distance: metres.
-    tilt: angle between the line of sight and the board's normal, rad, about the axis at tilt_azimuth across it.
+    tilt: angle between the line of sight and the board's normal, rad, about the axis at tilt_azimuth.
     roll: rotation of the print about the line of sight, rad.
     """
     toward = _axis_rotation([-np.sin(azimuth), np.cos(azimuth), 0], theta)

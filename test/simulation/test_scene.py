@@ -8,8 +8,10 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.simulation import (
+    Imaging,
     StampedImage,
     feature_pixels,
     look_pose,
@@ -18,6 +20,7 @@ from fisheye_ep_calib.simulation import (
     paper_poses,
     paper_target,
     random_poses,
+    render_views,
     write_bag,
 )
 from fisheye_ep_calib.target.chessboard import Chessboard
@@ -111,3 +114,12 @@ def test_a_bag_needs_its_suffix_and_leaves_nothing_when_it_fails(tmp_path):
     with pytest.raises(RuntimeError):
         write_bag(tmp_path / "a.mcap", broken())
     assert list(tmp_path.iterdir()) == []
+
+
+def test_views_are_the_same_from_one_process_and_from_two():
+    camera, target = FisheyeCamera((160, 120), 40, 40, 80, 60, theta_max=1.5), paper_target()
+    poses = random_poses(target, 7, seed=2)
+    looks = Imaging(noise=3, seed=5)
+    alone, together = (list(render_views(camera, target, poses, looks, processes=n)) for n in (1, 2))
+    assert len(alone) == 7 and not np.array_equal(alone[0], alone[1])
+    assert np.array_equal(alone, together)
