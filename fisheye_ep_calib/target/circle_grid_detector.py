@@ -10,7 +10,8 @@ import numpy as np
 
 from fisheye_ep_calib.target.blobs import Blobs, find_blobs
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.disc_measurement import measure_discs
+from fisheye_ep_calib.target.disc_measurement import measure_discs, minor_axis
+from fisheye_ep_calib.target.guidance import predict
 from fisheye_ep_calib.target.labelling import label_patch
 from fisheye_ep_calib.target.lattice import Lattice, grow_lattices
 
@@ -54,6 +55,29 @@ class CircleGridDetector:
         count = len(best.detection)
         reason = f"{count} of {total} discs" if count > 3 else "board not found"
         return Detection(reason=reason, rejected=best.detection.rejected)
+
+    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+        reason = check_image(image)
+        if reason:
+            return Detection(reason=reason)
+        radius = self.target.disc_radius or self.target.pitch / UNKNOWN_RATIO
+        expected = predict(camera, camera_from_target, self.target.object_points, image.shape)
+        axes = radius * expected.plane_jacobian
+        shape = axes @ np.swapaxes(axes, 1, 2)
+        index = np.flatnonzero(expected.visible)
+        if len(index) == 0:
+            return Detection(reason="board out of view")
+        hole = np.where(np.isin(index, self.target.holed), self.hole_ratio, 0.0)
+        found = measure_discs(
+            image, expected.pixels[index], shape[index], self.ratio or UNKNOWN_RATIO, hole, keep_shape=True
+        )
+        good = found.good.copy()
+        good[good] = _near_prediction(expected.pixels[index[good]], found.center[good], shape[index[good]])
+        if not good.any():
+            return Detection(
+                reason="board not found where the camera expects it", rejected=expected.pixels[index]
+            )
+        return Detection(index[good], found.center[good], rejected=found.center[~good])
 
     def _detect_at(self, image: np.ndarray, factor: int) -> _Found:
         """The best of the largest lattices, looked for in the image reduced by ``factor``."""
@@ -105,6 +129,15 @@ class CircleGridDetector:
         marks = {tuple(cell) for cell in self.target.lattice[list(self.target.holed)].tolist()}
         hits = sum(tuple(cell) in marks for cell in placement(cells[holed]).tolist())
         return 2.0 * hits - int(holed.sum())
+
+
+def _near_prediction(expected: np.ndarray, found: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Whether each disc (k, 2) lies where it should, within a share of its size and of what the others do."""
+    offset = found - expected
+    usual = np.median(offset, axis=0)
+    spread = np.median(np.hypot(*(offset - usual).T))
+    limit = np.maximum(6 * spread, 0.35 * minor_axis(shape))
+    return np.hypot(*(offset - usual).T) < limit
 
 
 def _search_factors(shape: tuple[int, ...]) -> tuple[int, ...]:

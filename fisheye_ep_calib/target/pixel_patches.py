@@ -1,0 +1,91 @@
+"""The pixels around many places at once: flat arrays, one place's pixels after another's, sums over segments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class PixelPatches:
+    """d patches with p pixels in all.
+
+    owner (p,): which patch. x, y (p,): from the patch's centre, pixels. value (p,): grey. start (d,): each
+    patch's first pixel. Patches are cut off at the image's border.
+    """
+
+    owner: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    value: np.ndarray
+    start: np.ndarray
+
+    @staticmethod
+    def cut(
+        image: np.ndarray, center: np.ndarray, half: np.ndarray, stride: np.ndarray | int = 1
+    ) -> PixelPatches:
+        """Rectangles around center (d, 2), half (d, 2) their half sides in pixels; each holds at least a
+        pixel.
+
+        stride (d,) int: take every so manieth row and column.
+        """
+        height, width = image.shape
+        limit = np.array([width - 1, height - 1])
+        stride = np.broadcast_to(stride, len(center))
+        low = np.clip(np.ceil(center - half), 0, limit).astype(np.int64)
+        high = np.maximum(np.clip(np.floor(center + half), 0, limit).astype(np.int64), low)
+        columns, rows = ((high - low) // stride[:, None] + 1).T
+        size = columns * rows
+        start = np.cumsum(size) - size
+
+        def spread(values: np.ndarray, kind=np.int32) -> np.ndarray:
+            return np.repeat(values.astype(kind), size)
+
+        index = np.arange(int(size.sum()), dtype=np.int32) - spread(start)
+        wide, step = spread(columns), spread(stride)
+        row = index // wide
+        column = (index - row * wide) * step
+        row *= step
+        value = image.ravel()[spread(low[:, 1] * width + low[:, 0], np.int64) + row * width + column]
+        x = column + spread(low[:, 0] - center[:, 0], np.float32)
+        y = row + spread(low[:, 1] - center[:, 1], np.float32)
+        owner = spread(np.arange(len(center)))
+        return PixelPatches(owner, x, y, value.astype(np.float32), start)
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def sum(self, values: np.ndarray) -> np.ndarray:
+        """Sums over each patch, (d,)."""
+        return np.add.reduceat(values, self.start, dtype=np.float64) if len(self) else np.zeros(0)
+
+    def mean(self, values: np.ndarray, kept: np.ndarray) -> np.ndarray:
+        """Means over each patch's kept pixels (p,) bool, (d,); 0 where none is kept."""
+        return self.sum(values * kept) / np.maximum(self.sum(kept), 1)
+
+
+def fit_planes(
+    patches: PixelPatches, weight: np.ndarray, prior: np.ndarray, strength: np.ndarray
+) -> np.ndarray:
+    """Weighted least-squares planes (d, 3): value at the centre, slopes along x and y.
+
+    prior (d, 2): slopes expected; strength (d,): how many pixels² of evidence that expectation is worth.
+    """
+    wx, wy = weight * patches.x, weight * patches.y
+    total, sx, sy = patches.sum(weight), patches.sum(wx), patches.sum(wy)
+    xx = patches.sum(wx * patches.x) + strength
+    yy = patches.sum(wy * patches.y) + strength
+    xy = patches.sum(wx * patches.y)
+    right = np.stack(
+        [
+            patches.sum(weight * patches.value),
+            patches.sum(wx * patches.value) + strength * prior[:, 0],
+            patches.sum(wy * patches.value) + strength * prior[:, 1],
+        ],
+        axis=-1,
+    )
+    left = np.stack(
+        [np.stack([total + 1e-6, sx, sy], -1), np.stack([sx, xx, xy], -1), np.stack([sy, xy, yy], -1)], -2
+    )
+    return np.linalg.solve(left, right[..., None])[..., 0]
