@@ -41,19 +41,18 @@ class PixelRays:
         return PixelRays(origins, directions)
 
 
-_cache: dict[tuple, PixelRays] = {}
+_cache: list[tuple[FisheyeCamera, PixelRays]] = []
 _CACHED_CAMERAS = 2
 
 
 def pixel_rays(camera: FisheyeCamera) -> PixelRays:
     """The rays of a camera, kept for the next image of the same camera."""
-    key = (camera.image_size, camera.model, camera.lens, camera.parameter_names, camera.theta_max)
-    key += (camera.parameters.tobytes(),)
-    if key not in _cache:
-        while len(_cache) >= _CACHED_CAMERAS:
-            del _cache[next(iter(_cache))]
-        _cache[key] = PixelRays.of(camera)
-    return _cache[key]
+    for cached, rays in _cache:
+        if cached == camera:
+            return rays
+    del _cache[: max(0, len(_cache) - _CACHED_CAMERAS + 1)]
+    _cache.append((camera, PixelRays.of(camera)))
+    return _cache[-1][1]
 
 
 def plane_points(

@@ -123,9 +123,7 @@ def _slopes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return along_u, along_v
 
 
-def _average(
-    printed: Pattern, x: np.ndarray, y: np.ndarray, slopes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _average(printed: Pattern, x: np.ndarray, y: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """White share of the covered part of n pixels, and that part's share. x, y (n,), slopes (4, n)."""
     index = np.arange(_SAMPLES, dtype=np.float32)[:, None]
     du = (index + 0.5) / _SAMPLES - 0.5
