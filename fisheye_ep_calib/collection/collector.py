@@ -1,0 +1,152 @@
+"""Looks for a target in a recording's images."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from fisheye_ep_calib.calibration.view_selection import ViewSignature, view_signature
+from fisheye_ep_calib.collection.choice import FrameChoice, closer_look, first_look
+from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
+from fisheye_ep_calib.collection.workers import FrameWorkers, Job
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.recording import Recording
+from fisheye_ep_calib.target.base import Target
+
+
+@dataclass(frozen=True)
+class Guide:
+    """What a first calibration says: a FisheyeCamera, and poses (4, 4) by the views' numbers in the run."""
+
+    run: DetectionRun
+    camera: Any
+    camera_from_target: Mapping[int, np.ndarray]
+
+
+class Collector:
+    """Looks for one target in one recording, with worker processes that are kept for a second pass.
+
+    workers: processes; 0 looks in the calling process. strict: an image that cannot be read is an error.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        target: Target,
+        *,
+        workers: int = 0,
+        strict: bool = False,
+        quiet: bool = False,
+    ) -> None:
+        self._recording = recording
+        self._target = target
+        self._strict = strict
+        self._quiet = quiet
+        self._workers = FrameWorkers(recording, target.detector(), workers)
+
+    def __enter__(self) -> Collector:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._workers.close()
+
+    def collect(self, topics: Sequence[str], choice: FrameChoice | None = None) -> dict[str, DetectionRun]:
+        """Look at the images of these cameras, coarse to fine in time.
+
+        Ctrl-C ends the looking and keeps what was found. Raises InputError where a topic's images differ in
+        size or, when strict, where one cannot be read.
+        """
+        choice = choice or FrameChoice()
+        counts = {topic: self._recording.count(topic) for topic in topics}
+        seen: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
+        planned = {topic: first_look(counts[topic], choice) for topic in topics}
+        interrupted = False
+        expected = sum(min(count, max(choice.max_views, len(planned[t]))) for t, count in counts.items())
+        with self._progress("looking for the target", expected) as progress:
+            try:
+                while any(planned.values()):
+                    jobs = [Job(topic, index) for topic in topics for index in planned[topic]]
+                    self._look(jobs, seen, progress)
+                    planned = {
+                        topic: closer_look(self._signatures(seen[topic]), counts[topic], choice) for topic in topics
+                    }
+            except KeyboardInterrupt:
+                interrupted = True
+                self._workers.close()
+        return {topic: DetectionRun(topic, counts[topic], _in_order(seen[topic]), interrupted) for topic in topics}
+
+    def refine(self, guides: Sequence[Guide]) -> dict[str, DetectionRun]:
+        """Look again, where a first calibration says the target is, at the views that have a pose.
+
+        A view in which the second pass finds nothing keeps what the first one found.
+        """
+        jobs = [
+            Job(guide.run.topic, view.index, guide.camera, guide.camera_from_target[number])
+            for guide in guides
+            for number, view in enumerate(guide.run.views)
+            if number in guide.camera_from_target
+        ]
+        found: dict[str, dict[int, FrameResult]] = {guide.run.topic: {} for guide in guides}
+        interrupted = False
+        with self._progress("looking again", len(jobs)) as progress:
+            try:
+                self._look(jobs, found, progress)
+            except KeyboardInterrupt:
+                interrupted = True
+                self._workers.close()
+        refined = {}
+        for guide in guides:
+            again = {index: frame for index, frame in found[guide.run.topic].items() if frame.found}
+            frames = tuple(again.get(frame.index, frame) for frame in guide.run.frames)
+            refined[guide.run.topic] = replace(
+                guide.run, frames=frames, interrupted=guide.run.interrupted or interrupted
+            )
+        return refined
+
+    def _look(self, jobs: Sequence[Job], seen: dict[str, dict[int, FrameResult]], progress: tqdm) -> None:
+        for result in self._workers.run(jobs):
+            if result.error and self._strict:
+                raise InputError(f"{result.topic}, image {result.name}: {result.error}")
+            frames = seen[result.topic]
+            frames[result.index] = result
+            progress.update()
+            progress.set_postfix(found=sum(frame.found for run in seen.values() for frame in run.values()))
+        for topic, frames in seen.items():
+            _check_sizes(topic, frames)
+
+    def _signatures(self, frames: Mapping[int, FrameResult]) -> dict[int, ViewSignature | None]:
+        return {index: self._signature(frame) for index, frame in frames.items()}
+
+    def _signature(self, frame: FrameResult) -> ViewSignature | None:
+        if not frame.found or frame.image_size is None:
+            return None
+        points = self._target.object_points[frame.detection.point_index]
+        return view_signature(points, frame.detection.pixels, frame.image_size)
+
+    def _progress(self, what: str, total: int) -> tqdm:
+        # disable=None: shown where stderr is a terminal.
+        return tqdm(total=total, desc=what, unit="image", file=sys.stderr, disable=True if self._quiet else None)
+
+
+def _in_order(frames: Mapping[int, FrameResult]) -> tuple[FrameResult, ...]:
+    return tuple(frames[index] for index in sorted(frames))
+
+
+def _check_sizes(topic: str, frames: Mapping[int, FrameResult]) -> None:
+    first: FrameResult | None = None
+    for frame in _in_order(frames):
+        if frame.image_size is None:
+            continue
+        if first is None:
+            first = frame
+        elif frame.image_size != first.image_size:
+            (w1, h1), (w2, h2) = first.image_size, frame.image_size
+            raise InputError(
+                f"{topic}: its images differ in size: {first.name} is {w1}×{h1}, {frame.name} is {w2}×{h2}; "
+                "calibrate each size by itself"
+            )

@@ -1,0 +1,180 @@
+"""Looking for a target in recordings, whatever happens on the way."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_writers import START_NS, messages, write_folder, write_mcap
+from numbered_target import ABSENT, CRASHES, INTERRUPTS, KILLS, SLOW, TARGET, picture
+
+from fisheye_ep_calib.collection import Collector, FrameChoice
+from fisheye_ep_calib.collection.collector import Guide
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.storage.recording import open_recording
+
+LEFT, RIGHT = "/left/image_raw", "/right/image_raw"
+
+
+def moving_pictures(count, seed=0):
+    generator = np.random.default_rng(seed)
+    steps = np.cumsum(generator.normal(0, 1.5, (count, 2)), axis=0)
+    places = 5 + np.abs(steps).astype(int) % 40
+    return [picture(x=x, y=y, size=4 + i % 3) for i, (x, y) in enumerate(places)]
+
+
+def collect(path, topics, **options):
+    choice = options.pop("choice", None)
+    with open_recording(path) as recording, Collector(recording, TARGET, **options) as collector:
+        return collector.collect(topics, choice)
+
+
+@pytest.fixture
+def two_cameras(tmp_path):
+    left = messages(moving_pictures(400, 1), LEFT)
+    right = messages(moving_pictures(300, 2), RIGHT, start_ns=START_NS + 5)
+    return write_mcap(tmp_path / "two.mcap", sorted(left + right, key=lambda m: m[1]))
+
+
+def test_the_result_does_not_depend_on_the_number_of_workers(two_cameras):
+    runs = [collect(two_cameras, [LEFT, RIGHT], workers=workers) for workers in (0, 1, 2, 4)]
+    for topic, available in ((LEFT, 400), (RIGHT, 300)):
+        first = runs[0][topic]
+        assert first.available == available and 50 < len(first.frames) <= 150
+        expected = first.observations(TARGET.object_points)
+        for run in runs[1:]:
+            assert [frame.index for frame in run[topic].frames] == [frame.index for frame in first.frames]
+            observed = run[topic].observations(TARGET.object_points)
+            assert observed.pixels.tobytes() == expected.pixels.tobytes()
+            assert observed.image_names == expected.image_names
+
+
+def test_images_not_chosen_are_not_read(two_cameras, monkeypatch):
+    read = []
+    with open_recording(two_cameras) as recording:
+        source = recording._sources[0]
+        whole_read = type(source).read
+        monkeypatch.setattr(type(source), "read", lambda self, *a: read.append(a) or whole_read(self, *a))
+        with Collector(recording, TARGET) as collector:
+            runs = collector.collect([LEFT, RIGHT], FrameChoice(max_views=20))
+    assert len(read) == sum(len(run.frames) for run in runs.values()) == 40
+    assert "380 of 400 not looked at" in runs[LEFT].summary()
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_bad_images_are_counted_and_named(tmp_path, workers):
+    folder = write_folder(tmp_path / "front", [picture(), picture(ABSENT), picture(CRASHES), picture(x=30), picture()])
+    (folder / "frame4.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")
+    run = collect(folder, ["front"], workers=workers)["front"]
+    assert [view.name for view in run.views] == ["frame0.png", "frame3.png"]
+    assert run.unused["frame1.png"] == "no target here"
+    assert run.unused["frame2.png"] == "the detector failed on it (ValueError: strange)"
+    assert "PNG" in run.unused["frame4.png"]
+    assert run.bad_frames == 2 and run.image_size == (80, 60)
+    assert "found in 2 of 5 images, 2 unreadable" in run.summary()
+    observations = run.observations(TARGET.object_points)
+    assert observations.image_names == ("frame0.png", "frame3.png") and len(observations.pixels) == 24
+    with pytest.raises(InputError, match="front, image frame2.png: the detector failed"):
+        collect(folder, ["front"], strict=True)
+
+
+def test_an_image_that_kills_its_worker_costs_only_itself(tmp_path):
+    pictures = [picture(x=i) for i in range(12)]
+    pictures[5] = picture(KILLS)
+    run = collect(write_folder(tmp_path / "front", pictures), ["front"], workers=2)["front"]
+    assert len(run.views) == 11
+    assert run.unused == {"frame5.png": "a worker process died on it"}
+
+
+def test_images_of_different_sizes_are_refused(tmp_path):
+    folder = write_folder(tmp_path / "front", [picture(), picture(), picture(shape=(48, 64))])
+    with pytest.raises(InputError, match="frame0.png is 80×60, frame2.png is 64×48"):
+        collect(folder, ["front"])
+
+
+def test_where_nothing_is_found_one_line_says_why(tmp_path):
+    run = collect(write_folder(tmp_path / "a", [picture(ABSENT)] * 3), ["a"])["a"]
+    with pytest.raises(CalibrationError, match=r"a: the target was found in none of 3 images \(3 ×: no target"):
+        run.observations(TARGET.object_points)
+    folder = write_folder(tmp_path / "b", [picture()])
+    (folder / "frame0.png").write_bytes(b"x")
+    with pytest.raises(InputError, match="none of 1 images can be read: the data is neither"):
+        collect(folder, ["b"])["b"].observations(TARGET.object_points)
+
+
+def test_a_second_pass_looks_only_at_views_with_a_pose(tmp_path):
+    folder = write_folder(tmp_path / "front", [picture(x=i) if i != 1 else picture(ABSENT) for i in range(4)])
+    pose = np.eye(4)
+    pose[:2, 3] = 0.25, 0.5
+    with open_recording(folder) as recording, Collector(recording, TARGET) as collector:
+        run = collector.collect(["front"])["front"]
+        again = collector.refine([Guide(run, "camera", {0: pose, 2: pose})])["front"]
+        nothing = collector.refine([Guide(run, "nothing", {0: pose})])["front"]
+    moved = [b.detection.pixels - a.detection.pixels for a, b in zip(run.views, again.views, strict=True)]
+    np.testing.assert_allclose(moved[0], [[0.25, 0.5]] * 12)
+    np.testing.assert_allclose(moved[1], 0)
+    np.testing.assert_allclose(moved[2], [[0.25, 0.5]] * 12)
+    assert len(nothing.views[0].detection) == 12
+
+
+def test_an_interruption_keeps_what_was_found(tmp_path):
+    pictures = [picture(x=i) for i in range(6)]
+    pictures[4] = picture(INTERRUPTS)
+    run = collect(write_folder(tmp_path / "front", pictures), ["front"])["front"]
+    assert run.interrupted and len(run.views) == 4
+    assert "interrupted" in run.summary()
+
+
+SCRIPT = """
+import sys
+sys.path[:0] = {paths}
+from numbered_target import TARGET
+from fisheye_ep_calib.collection import Collector
+from fisheye_ep_calib.storage.recording import open_recording
+
+if __name__ == "__main__":
+    with open_recording(sys.argv[1]) as recording, Collector(recording, TARGET, workers=2) as collector:
+        print("started", flush=True)
+        run = collector.collect(["front"])["front"]
+        print(len(run.views), run.interrupted, flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal to a process group")
+@pytest.mark.parametrize("seconds", [0.3, 3])
+def test_ctrl_c_in_a_terminal_ends_workers_without_a_traceback(tmp_path, seconds):
+    folder = write_folder(tmp_path / "front", [picture(SLOW, x=i) for i in range(100)])
+    script = tmp_path / "script.py"
+    here = Path(__file__).parent
+    script.write_text(SCRIPT.format(paths=[str(here), str(here.parents[1])]))
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout.readline() == "started\n"
+    try:
+        process.wait(timeout=seconds)  # while the workers are starting, or looking
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGINT)
+    out, errors = process.communicate(timeout=10)
+    views, interrupted = out.split()
+    assert interrupted == "True" and int(views) < 100 and (int(views) > 0) == (seconds > 1)
+    assert errors == ""
+    assert group_ends(process.pid, seconds=3)
+
+
+def group_ends(group, seconds) -> bool:
+    for _ in range(int(seconds / 0.05)):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False
