@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.simulation.patterns import Pattern
+from fisheye_ep_calib.simulation.scene_camera import SceneCamera
 
 Window = tuple[int, int, int, int]  # first column, first row, past the last column, past the last row
 
@@ -26,7 +26,7 @@ class PixelRays:
     directions: np.ndarray
 
     @staticmethod
-    def of(camera: FisheyeCamera) -> PixelRays:
+    def of(camera: SceneCamera) -> PixelRays:
         """The rays of a camera."""
         width, height = camera.image_size
         shape = (height + 2, width + 2, 3)
@@ -41,11 +41,11 @@ class PixelRays:
         return PixelRays(origins, directions)
 
 
-_cache: list[tuple[FisheyeCamera, PixelRays]] = []
+_cache: list[tuple[SceneCamera, PixelRays]] = []
 _CACHED_CAMERAS = 2
 
 
-def pixel_rays(camera: FisheyeCamera) -> PixelRays:
+def pixel_rays(camera: SceneCamera) -> PixelRays:
     """The rays of a camera, kept for the next image of the same camera."""
     for cached, rays in _cache:
         if cached == camera:
@@ -76,7 +76,7 @@ def plane_points(
     return origin[..., 0] + distance * direction[..., 0], origin[..., 1] + distance * direction[..., 1]
 
 
-def board_window(camera: FisheyeCamera, pattern: Pattern, camera_from_target: np.ndarray) -> Window:
+def board_window(camera: SceneCamera, pattern: Pattern, camera_from_target: np.ndarray) -> Window:
     """The pixels in which a board can show: around the projection of a grid of its points.
 
     The whole image is taken where part of the board lies outside the field of view, because then the

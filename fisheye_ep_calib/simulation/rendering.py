@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.simulation.patterns import Pattern, pattern
 from fisheye_ep_calib.simulation.rays import Window, board_window, pixel_rays, plane_points
+from fisheye_ep_calib.simulation.scene_camera import SceneCamera
 from fisheye_ep_calib.target import Target
 
 _SAMPLES, _STRIDE = 233, 144  # a Fibonacci lattice: no straight edge passes many of its samples at once
@@ -45,9 +45,7 @@ class Imaging:
 PLAIN = Imaging()
 
 
-def render(
-    camera: FisheyeCamera, target: Target, camera_from_target: np.ndarray, imaging: Imaging = PLAIN
-) -> np.ndarray:
+def render(camera: SceneCamera, target: Target, camera_from_target: np.ndarray, imaging: Imaging = PLAIN) -> np.ndarray:
     """Image (h, w) uint8 of a target at a pose (4, 4).
 
     Pixels that an edge of the print crosses are averaged over 233 samples of their area, so that the
@@ -75,7 +73,7 @@ def visible_mask(imaging: Imaging, image_size: tuple[int, int]) -> np.ndarray:
     return hidden == 0
 
 
-def _background(camera: FisheyeCamera, imaging: Imaging) -> np.ndarray:
+def _background(camera: SceneCamera, imaging: Imaging) -> np.ndarray:
     """What is behind the board, (h, w) float32."""
     width, height = camera.image_size
     image = np.full((height, width), imaging.background, np.float32)
@@ -89,7 +87,7 @@ def _background(camera: FisheyeCamera, imaging: Imaging) -> np.ndarray:
 
 
 def _board(
-    camera: FisheyeCamera, printed: Pattern, camera_from_target: np.ndarray, window: Window, imaging: Imaging
+    camera: SceneCamera, printed: Pattern, camera_from_target: np.ndarray, window: Window, imaging: Imaging
 ) -> tuple[np.ndarray, np.ndarray]:
     """Grey level and coverage 0..1 of the board in a window of the image, each (h, w) float32."""
     x, y = plane_points(pixel_rays(camera), camera_from_target, window, printed.faces)

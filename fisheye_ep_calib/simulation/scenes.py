@@ -7,7 +7,7 @@ import numpy as np
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.circle_grid import CircleGrid
 
-PAPER_THETA_MAX = np.radians(97.5)
+PAPER_THETA_MAX = float(np.radians(97.5))
 
 
 def paper_camera(index: int = 0) -> FisheyeCamera:
@@ -18,9 +18,9 @@ def paper_camera(index: int = 0) -> FisheyeCamera:
     centre.
     """
     rng = np.random.default_rng(index)
-    focal, center = rng.normal(0, 1.0, 2), rng.normal(0, 4.0, 2)
+    focal, center = rng.normal(0, 1.0, 2).tolist(), rng.normal(0, 4.0, 2).tolist()
     if index == 0:
-        focal, center = np.zeros(2), np.zeros(2)
+        focal, center = [0.0, 0.0], [0.0, 0.0]
     return FisheyeCamera(
         image_size=(2048, 2048),
         fx=591.7301 + focal[0],

@@ -12,15 +12,15 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.simulation.rendering import PLAIN, Imaging, render
+from fisheye_ep_calib.simulation.scene_camera import SceneCamera
 from fisheye_ep_calib.target import Target
 
-_scene: list[tuple[FisheyeCamera, Target]] = []
+_scene: list[tuple[SceneCamera, Target]] = []
 
 
 def render_views(
-    camera: FisheyeCamera,
+    camera: SceneCamera,
     target: Target,
     poses: np.ndarray,
     imaging: Imaging | Sequence[Imaging] = PLAIN,
@@ -56,7 +56,7 @@ def usable_cores() -> int:
         return os.cpu_count() or 1
 
 
-def _prepare(camera: FisheyeCamera, target: Target) -> None:
+def _prepare(camera: SceneCamera, target: Target) -> None:
     """Set a worker up: every process has one thread, and the scene is sent once."""
     cv2.setNumThreads(1)
     _scene[:] = [(camera, target)]

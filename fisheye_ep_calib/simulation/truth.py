@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from fisheye_ep_calib.calibration import Observations
-from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.simulation.patterns import printed_side
+from fisheye_ep_calib.simulation.scene_camera import SceneCamera
 from fisheye_ep_calib.target import Target
 
 _RADII, _ANGLES = 8, 24
 
 
 def feature_pixels(
-    camera: FisheyeCamera, target: Target, camera_from_target: np.ndarray
+    camera: SceneCamera, target: Target, camera_from_target: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """True pixels (..., n, 2) and validity (..., n) of a target's features at poses (..., 4, 4).
 
@@ -31,7 +31,7 @@ def points_in_camera(camera_from_target: np.ndarray, points: np.ndarray) -> np.n
 
 
 def disc_centroids(
-    camera: FisheyeCamera, centers: np.ndarray, radius: float, camera_from_target: np.ndarray
+    camera: SceneCamera, centers: np.ndarray, radius: float, camera_from_target: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Centres of gravity (..., n, 2) of the images of discs, and whether all of each is in view (..., n).
 
@@ -60,9 +60,7 @@ def disc_centroids(
     return (share[..., None] * pixels).sum(axis=-2) / total[..., None], valid.reshape(shape).all(axis=-1)
 
 
-def observe(
-    camera: FisheyeCamera, target: Target, poses: np.ndarray, noise: float = 0.0, seed: int = 0
-) -> Observations:
+def observe(camera: SceneCamera, target: Target, poses: np.ndarray, noise: float = 0.0, seed: int = 0) -> Observations:
     """What an ideal detector measures in views at poses (V, 4, 4): every feature within the image.
 
     noise: σ of the Gaussian error of each pixel coordinate.
