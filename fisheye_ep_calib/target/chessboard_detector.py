@@ -8,6 +8,7 @@ import logging
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.target.corner_guidance import find_guided
 from fisheye_ep_calib.target.corner_refinement import refine_corners
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.labelling import label_patch
@@ -71,6 +72,13 @@ class ChessboardDetector:
         return Detection(
             labels.point_index[known], refined[known], rejected=np.vstack([rejected, refined[~known]])
         )
+
+    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+        target = self.target
+        clear = np.full(len(target.object_points), 0.5 * min(target.spacing, target.row_spacing))
+        # The square down and right of corner (column, row) is black where column + row is even.
+        bright = np.where(self.lattice.sum(axis=1) % 2 == 0, -1.0, 1.0)
+        return find_guided(image, camera, camera_from_target, target.object_points, clear, bright)
 
     def _find(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lattice coordinates (k, 2) int with the handedness of (u, v), and rough pixels (k, 2)."""
