@@ -8,14 +8,17 @@ import logging
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.target.cells import local_axes, local_pitch, smooth
+from fisheye_ep_calib.target.corner_growth import colour_parity, grow_corners
 from fisheye_ep_calib.target.corner_guidance import find_guided
-from fisheye_ep_calib.target.corner_refinement import refine_corners
+from fisheye_ep_calib.target.corner_refinement import looks_like_corner, refine_corners
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.labelling import label_patch
+from fisheye_ep_calib.target.labelling import Placement, label_patch
 
 logger = logging.getLogger(__name__)
 
 FEWEST_CORNERS = 8
+NOTHING = np.empty((0, 2), dtype=int), np.empty((0, 2))
 
 
 @functools.cache
@@ -33,45 +36,25 @@ def _calib_targets():
 
 
 class ChessboardDetector:
-    """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined to sub-pixels, then
-    labelled.
-    """
+    """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined, completed, then labelled."""
 
     def __init__(self, target) -> None:
         self.target = target
         self.lattice = np.rint(target.object_points[:, :2] / [target.spacing, target.row_spacing]).astype(int)
+        self.fewest = min(FEWEST_CORNERS, len(self.lattice))
 
     def detect(self, image: np.ndarray) -> Detection:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
-        cells, pixels = self._find(image)
-        if len(cells) == 0:
-            return Detection(reason="board not found")
-        reach = 0.3 * _local_pitch(cells, pixels)
-        refined, good = refine_corners(image, pixels, reach)
-        good &= _regular(cells, refined)
-        rejected = pixels[~good]
-        cells, refined = cells[good], refined[good]
-        total = len(self.lattice)
-        if len(cells) < min(FEWEST_CORNERS, total):
-            return Detection(
-                reason=f"{len(cells)} of {total} corners", rejected=np.vstack([rejected, refined])
-            )
-        black = _black_cell(image, cells, refined)
-        labels = label_patch(
-            cells,
-            refined,
-            self.lattice,
-            allowed=lambda placement: _colour_fits(placement, black),
-            is_plain=lambda sites, scale: _is_plain(image, sites, scale),
-        )
-        known = labels.known
-        if known.sum() < min(FEWEST_CORNERS, total):
-            return Detection(reason="board not found", rejected=refined)
-        return Detection(
-            labels.point_index[known], refined[known], rejected=np.vstack([rejected, refined[~known]])
-        )
+        best = Detection(reason="board not found")
+        for scale in (1.0, 0.5) if min(image.shape) >= 400 else (1.0,):
+            cells, pixels = self._find(image, scale)
+            if len(cells) >= 4:
+                best = max(best, self._complete(image, cells, pixels), key=len)
+            if len(best) >= self.fewest:
+                break
+        return best
 
     def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
         target = self.target
@@ -80,28 +63,68 @@ class ChessboardDetector:
         bright = np.where(self.lattice.sum(axis=1) % 2 == 0, -1.0, 1.0)
         return find_guided(image, camera, camera_from_target, target.object_points, clear, bright)
 
-    def _find(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lattice coordinates (k, 2) int with the handedness of (u, v), and rough pixels (k, 2)."""
+    def _complete(self, image: np.ndarray, cells: np.ndarray, rough: np.ndarray) -> Detection:
+        """Refine and check a patch, add what it lacks, say which corner is which."""
+        pixels, good = refine_corners(image, rough, 0.5 * local_pitch(cells, rough))
+        parity = colour_parity(image, cells, rough)
+        if parity < 0:
+            return Detection(reason="board not found", rejected=rough)
+        axes, known = local_axes(cells, rough)
+        bright = np.where(cells.sum(axis=1) % 2 == parity, -1.0, 1.0)
+        good &= known & looks_like_corner(image, pixels, 0.5 * axes, bright)
+        rejected = rough[~good]
+        cells, pixels = cells[good], pixels[good]
+        if len(cells) >= 4:
+            cells, pixels = grow_corners(image, cells, pixels, parity, int(self.lattice.max()) + 1)
+            fits = smooth(cells, pixels, tolerance=0.3)
+            rejected = np.vstack([rejected, pixels[~fits]])
+            cells, pixels = cells[fits], pixels[fits]
+        total = len(self.lattice)
+        if len(cells) < self.fewest:
+            return Detection(reason=f"{len(cells)} of {total} corners", rejected=np.vstack([rejected, pixels]))
+        labels = label_patch(
+            cells,
+            pixels,
+            self.lattice,
+            allowed=lambda placement: _colour_fits(placement, parity),
+            is_plain=lambda sites, scale: _is_plain(image, sites, scale),
+        )
+        known = labels.known
+        if known.sum() < self.fewest:
+            return Detection(reason="board not found", rejected=pixels)
+        return Detection(
+            labels.point_index[known], pixels[known], rejected=np.vstack([rejected, pixels[~known]])
+        )
+
+    def _find(self, image: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
+        """Lattice coordinates (k, 2) int with the handedness of (u, v), and rough pixels (k, 2).
+
+        scale: at which size to look; a smaller image has sharper corners where the full one is blurred.
+        """
+        small = image
+        if scale != 1.0:
+            size = int(image.shape[1] * scale), int(image.shape[0] * scale)
+            small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         library = _calib_targets()
-        if library is None:
-            return self._find_whole(image)
-        found = library.detect_chessboard(image)
-        if found is None or len(found.corners) < 4:
-            return np.empty((0, 2), dtype=int), np.empty((0, 2))
-        cells = np.array([(corner.grid.u, corner.grid.v) for corner in found.corners])
-        pixels = np.array([corner.position for corner in found.corners], dtype=float)
-        return _right_handed(cells, pixels), pixels
+        cells, pixels = self._find_whole(small) if library is None else _find_part(library, small)
+        factor = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
+        return (_right_handed(cells, pixels), (pixels + 0.5) * factor - 0.5) if len(cells) else NOTHING
 
     def _find_whole(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         size = (self.target.columns, self.target.rows)
-        flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_FAST_CHECK
         if min(size) < 3 or min(image.shape) < 20:
-            return np.empty((0, 2), dtype=int), np.empty((0, 2))
+            return NOTHING
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_FAST_CHECK
         found, corners = cv2.findChessboardCorners(image, size, flags=flags)
-        if not found:
-            return np.empty((0, 2), dtype=int), np.empty((0, 2))
-        pixels = corners.reshape(-1, 2).astype(float)
-        return _right_handed(self.lattice, pixels), pixels
+        return (self.lattice, corners.reshape(-1, 2).astype(float)) if found else NOTHING
+
+
+def _find_part(library, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    found = library.detect_chessboard(np.ascontiguousarray(image))
+    if found is None:
+        return NOTHING
+    cells = np.array([(corner.grid.u, corner.grid.v) for corner in found.corners], dtype=int)
+    return cells, np.array([corner.position for corner in found.corners], dtype=float)
 
 
 def _right_handed(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -111,77 +134,21 @@ def _right_handed(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return cells if np.linalg.det(axes) > 0 else cells * [1, -1]
 
 
-def _neighbours(cells: np.ndarray) -> np.ndarray:
-    """Index (k, 4) of each cell's neighbours at +x, −x, +y, −y; −1 where there is none."""
-    low = cells.min(axis=0) - 1
-    table = np.full(cells.max(axis=0) - low + 2, -1)
-    table[tuple((cells - low).T)] = np.arange(len(cells))
-    steps = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    return np.stack([table[tuple((cells - low + step).T)] for step in steps], axis=1)
-
-
-def _local_pitch(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Smallest distance (k,) to a lattice neighbour, pixels."""
-    beside = _neighbours(cells)
-    distance = np.hypot(*np.moveaxis(pixels[beside] - pixels[:, None], -1, 0))
-    distance[beside < 0] = np.inf
-    nearest = distance.min(axis=1)
-    return np.where(np.isfinite(nearest), nearest, 10.0)
-
-
-def _regular(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Whether each corner lies midway between its two neighbours on some line, as a smooth lens leaves it."""
-    beside = _neighbours(cells)
-    bad_votes = np.zeros(len(cells))
-    for first, second in ((0, 1), (2, 3)):
-        both = np.flatnonzero((beside[:, first] >= 0) & (beside[:, second] >= 0))
-        ahead, behind = pixels[beside[both, first]], pixels[beside[both, second]]
-        bend = np.hypot(*(ahead + behind - 2 * pixels[both]).T)
-        span = np.hypot(*(ahead - behind).T)
-        bad_votes[both[bend > 0.3 * span]] += 1
-    return (bad_votes == 0) & (beside >= 0).any(axis=1)
-
-
-def _black_cell(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> np.ndarray | None:
-    """Twice the lattice coordinates (2,) of a black square's centre; None when no square is whole."""
-    beside = _neighbours(cells)
-    right, down = beside[:, 0], beside[:, 2]
-    corner = np.where((right >= 0) & (down >= 0), beside[right, 2], -1)
-    whole = np.flatnonzero(corner >= 0)
-    if len(whole) == 0:
-        return None
-    centre = (pixels[whole] + pixels[right[whole]] + pixels[down[whole]] + pixels[corner[whole]]) / 4
-    column, row = np.rint(centre).astype(int).T
-    smooth = cv2.blur(image, (3, 3))
-    value = smooth[np.clip(row, 0, image.shape[0] - 1), np.clip(column, 0, image.shape[1] - 1)].astype(float)
-    parity = cells[whole].sum(axis=1) % 2
-    if len(np.unique(parity)) < 2:
-        return None
-    even_is_black = np.median(value[parity == 0]) < np.median(value[parity == 1])
-    chosen = whole[parity == (0 if even_is_black else 1)][0]
-    return 2 * cells[chosen] + 1
-
-
-def _colour_fits(placement, black: np.ndarray | None) -> float:
-    """0 where the placement puts the black square on a black one of the target (top-left square black), else
-    −inf.
-    """
-    if black is None:
-        return 0.0
+def _colour_fits(placement: Placement, parity: int) -> float:
+    """0 where the placement puts black squares on black ones (the top-left square is black), else −inf."""
+    # Twice the centre of a black square of the patch, so that it stays whole under a rotation.
+    black = 2 * np.array([parity, 0]) + 1
     corner = (black @ placement.rotation.T + 2 * placement.shift - 1) // 2
     return 0.0 if corner.sum() % 2 == 0 else -np.inf
 
 
 def _is_plain(image: np.ndarray, sites: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Whether the image shows no black at each site (m, 2) within 0.3 of the pitch (m,): white board, not an
-    occluder.
-    """
+    """Whether the image shows no black at each site (m, 2) within 0.3 of the pitch (m,): board, no occluder."""
     height, width = image.shape
-    reach = 0.3 * scale[:, None, None] * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 0]])
-    places = np.rint(sites[:, None] + reach).astype(int)
+    offset = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 0]])
+    places = np.rint(sites[:, None] + 0.3 * scale[:, None, None] * offset).astype(int)
     inside = ((places >= 0) & (places < [width, height])).all(axis=(1, 2))
-    values = image[np.clip(places[..., 1], 0, height - 1), np.clip(places[..., 0], 0, width - 1)].astype(
-        float
-    )
+    places = np.clip(places, 0, [width - 1, height - 1])
+    values = image[places[..., 1], places[..., 0]].astype(float)
     bright = values.min(axis=1) > 0.5 * np.percentile(image, 90)
     return inside & bright & (np.ptp(values, axis=1) < 0.25 * values.max(axis=1))

@@ -35,3 +35,22 @@ def predict(
     visible = valid & inside & np.isfinite(jacobian).all(axis=(1, 2))
     pixels = np.where(visible[:, None], pixels, 0.0)
     return Prediction(pixels, np.where(visible[:, None, None], jacobian, np.eye(2)), visible)
+
+
+def offset_residuals(points: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """How far each feature's offset from its prediction (k, 2) is from a smooth one, pixels (k,).
+
+    A camera that does not fit yet errs smoothly over the board: the offsets are fitted with a quadratic in the board's
+    x and y (points (k, 2 or 3)), robustly (iteratively reweighted, Cauchy weights).
+    """
+    centred = points[:, :2] - points[:, :2].mean(axis=0)
+    x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
+    columns = [np.ones_like(x), x, y, x * x, x * y, y * y]
+    design = np.stack(columns[: 6 if len(points) >= 15 else 3 if len(points) >= 8 else 1], axis=-1)
+    weight = np.ones(len(points))
+    rest = np.hypot(*(offset - np.median(offset, axis=0)).T)
+    for _ in range(8):
+        weight = 1 / (1 + (rest / max(2 * float(np.median(rest)), 1e-3)) ** 2)
+        coefficients = np.linalg.lstsq(design * weight[:, None], offset * weight[:, None], rcond=None)[0]
+        rest = np.hypot(*(offset - design @ coefficients).T)
+    return rest

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import fftconvolve
 
+from fisheye_ep_calib.target.cells import extrapolate
+
 # The four rotations of a square lattice; a reflection would mean looking at the board from behind.
 ROTATIONS = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]])
-HALO = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Labels:
 
 
 @dataclass(frozen=True)
-class _Placement:
+class Placement:
     rotation: np.ndarray
     shift: np.ndarray
 
@@ -39,7 +40,7 @@ def label_patch(
     cells: np.ndarray,
     pixels: np.ndarray,
     lattice: np.ndarray,
-    allowed: Callable[[_Placement], float] | None = None,
+    allowed: Callable[[Placement], float] | None = None,
     is_plain: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> Labels:
     """Lay a patch onto the target's lattice.
@@ -81,7 +82,7 @@ def _look_up(table: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return np.where(inside, table[tuple(clipped.T)], -1)
 
 
-def _overlaps(cells: np.ndarray, mask: np.ndarray, low: np.ndarray) -> tuple[list[_Placement], list[int]]:
+def _overlaps(cells: np.ndarray, mask: np.ndarray, low: np.ndarray) -> tuple[list[Placement], list[int]]:
     """Every rotation and shift with the number of the patch's cells that fall on the target."""
     placements, counts = [], []
     for rotation in ROTATIONS:
@@ -93,12 +94,12 @@ def _overlaps(cells: np.ndarray, mask: np.ndarray, low: np.ndarray) -> tuple[lis
         overlap = np.rint(fftconvolve(mask.astype(float), patch[::-1, ::-1], mode="full")).astype(int)
         for index in np.argwhere(overlap == overlap.max()):
             shift = index - (np.array(patch.shape) - 1) - corner + low
-            placements.append(_Placement(rotation, shift))
+            placements.append(Placement(rotation, shift))
             counts.append(int(overlap.max()))
     return placements, counts
 
 
-def _rightward(cells: np.ndarray, pixels: np.ndarray, placement: _Placement) -> float:
+def _rightward(cells: np.ndarray, pixels: np.ndarray, placement: Placement) -> float:
     """How far to the right the target's x axis points in the image, −1 to 1."""
     moved = placement(cells).astype(float)
     design = np.column_stack([moved, np.ones(len(moved))])
@@ -110,30 +111,5 @@ def _plain_sites(cells, pixels, is_plain) -> np.ndarray:
     """Lattice sites beside the patch where the image shows plain board, so that no feature can be there."""
     if is_plain is None:
         return np.empty((0, 2), dtype=int)
-    sites, where, scale = extrapolate_halo(cells, pixels)
+    sites, where, scale = extrapolate(cells, pixels)
     return sites[is_plain(where, scale)] if len(sites) else sites
-
-
-def extrapolate_halo(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sites beside a patch, (m, 2) int, where they should lie in the image (m, 2), and the pitch there (m,)
-    in pixels.
-
-    Each is predicted along the lattice line through it: linearly from two points, with the curvature from
-    three.
-    """
-    at = {tuple(cell): pixel for cell, pixel in zip(cells.tolist(), pixels, strict=True)}
-    found: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}
-    for cell, near in at.items():
-        for step in HALO.tolist():
-            site = (cell[0] + step[0], cell[1] + step[1])
-            second = at.get((cell[0] - step[0], cell[1] - step[1]))
-            if site in at or second is None:
-                continue
-            third = at.get((cell[0] - 2 * step[0], cell[1] - 2 * step[1]))
-            guess = 2 * near - second if third is None else 3 * near - 3 * second + third
-            found.setdefault(site, []).append((guess, float(np.hypot(*(guess - near)))))
-    sites = np.array(list(found), dtype=int).reshape(-1, 2)
-    guesses = list(found.values())
-    where = np.array([np.mean([g for g, _ in guess], axis=0) for guess in guesses]).reshape(-1, 2)
-    scale = np.array([min(s for _, s in guess) for guess in guesses])
-    return sites, where, scale

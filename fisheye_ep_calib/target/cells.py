@@ -1,0 +1,99 @@
+"""Patches of a square lattice in an image: neighbours, smoothness, and where the patch would go on.
+
+A patch is cells (k, 2) int, its lattice coordinates, and pixels (k, 2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# +x, −x, +y, −y: a direction's opposite is its neighbour in this list.
+DIRECTIONS = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+
+
+def neighbours(cells: np.ndarray) -> np.ndarray:
+    """Index (k, 4) of each cell's neighbour in each direction, −1 where there is none."""
+    low = cells.min(axis=0) - 1
+    table = np.full(cells.max(axis=0) - low + 2, -1)
+    table[tuple((cells - low).T)] = np.arange(len(cells))
+    return np.stack([table[tuple((cells - low + step).T)] for step in DIRECTIONS], axis=1)
+
+
+def local_pitch(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Distance (k,) to the nearest lattice neighbour, pixels; inf for a lone cell."""
+    beside = neighbours(cells)
+    distance = np.hypot(*np.moveaxis(pixels[beside] - pixels[:, None], -1, 0))
+    return np.where(beside < 0, np.inf, distance).min(axis=1)
+
+
+def local_axes(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels per lattice step (k, 2, 2), columns x and y, and whether both are known (k,)."""
+    beside = neighbours(cells)
+    axes = np.zeros((len(cells), 2, 2))
+    known = np.ones(len(cells), dtype=bool)
+    for axis, (ahead, behind) in enumerate(((0, 1), (2, 3))):
+        after = np.where(beside[:, ahead, None] >= 0, pixels[beside[:, ahead]], pixels)
+        before = np.where(beside[:, behind, None] >= 0, pixels[beside[:, behind]], pixels)
+        steps = (beside[:, ahead] >= 0).astype(int) + (beside[:, behind] >= 0)
+        axes[:, :, axis] = (after - before) / np.maximum(steps, 1)[:, None]
+        known &= steps > 0
+    return axes, known
+
+
+def line_residuals(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """How far each point (k,) lies from where the smoothest of the lattice lines through it would have it, pixels.
+
+    Along a line a point is predicted from two neighbours on both sides, (−a + 4b + 4c − d)/6, or from three on one
+    side, 3b − 3c + d, which errs √19 times as much and is discounted for that. NaN where neither can be.
+    """
+    beside = neighbours(cells)
+
+    def step(index: np.ndarray, direction: int) -> np.ndarray:
+        return np.where(index >= 0, beside[index, direction], -1)
+
+    best = np.full(len(cells), np.nan)
+    for direction in range(4):
+        opposite = direction ^ 1
+        one = beside[:, direction]
+        two = step(one, direction)
+        three = step(two, direction)
+        other = beside[:, opposite]
+        far = step(other, opposite)
+        around = (one >= 0) & (two >= 0) & (other >= 0) & (far >= 0)
+        middle = (4 * pixels[one] + 4 * pixels[other] - pixels[two] - pixels[far]) / 6 - pixels
+        beyond = (3 * pixels[one] - 3 * pixels[two] + pixels[three] - pixels) / np.sqrt(19)
+        for known, rest in ((around, middle), ((one >= 0) & (two >= 0) & (three >= 0), beyond)):
+            best = np.where(known, np.fmin(best, np.hypot(*rest.T)), best)
+    return best
+
+
+def smooth(cells: np.ndarray, pixels: np.ndarray, tolerance: float) -> np.ndarray:
+    """Whether each point (k,) fits the lattice lines through it, within tolerance pixels or six times the usual."""
+    rest = line_residuals(cells, pixels)
+    known = np.isfinite(rest)
+    if not known.any():
+        return np.ones(len(cells), dtype=bool)
+    return ~known | (rest < max(tolerance, 6 * float(np.median(rest[known]))))
+
+
+def extrapolate(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sites beside or within a patch: (m, 2) int, where they should lie (m, 2), and the pitch there (m,), pixels.
+
+    Each is predicted along the lattice lines that lead to it: linearly from two points, with curvature from three.
+    """
+    at = {tuple(cell): pixel for cell, pixel in zip(cells.tolist(), pixels, strict=True)}
+    found: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}
+    for cell, near in at.items():
+        for step in DIRECTIONS.tolist():
+            site = (cell[0] + step[0], cell[1] + step[1])
+            second = at.get((cell[0] - step[0], cell[1] - step[1]))
+            if site in at or second is None:
+                continue
+            third = at.get((cell[0] - 2 * step[0], cell[1] - 2 * step[1]))
+            guess = 2 * near - second if third is None else 3 * near - 3 * second + third
+            found.setdefault(site, []).append((guess, float(np.hypot(*(guess - near)))))
+    sites = np.array(list(found), dtype=int).reshape(-1, 2)
+    guesses = list(found.values())
+    where = np.array([np.mean([g for g, _ in guess], axis=0) for guess in guesses]).reshape(-1, 2)
+    scale = np.array([min(s for _, s in guess) for guess in guesses])
+    return sites, where, scale
