@@ -4,12 +4,14 @@ from fisheye_ep_calib.simulation.bag import StampedImage, write_bag
 from fisheye_ep_calib.simulation.poses import look_pose, paper_poses, random_poses
 from fisheye_ep_calib.simulation.rendering import Imaging, render
 from fisheye_ep_calib.simulation.scenes import paper_camera, paper_target
-from fisheye_ep_calib.simulation.sequence import render_views
+from fisheye_ep_calib.simulation.sequence import SimulatedCamera, View, render_views, simulate_rig, views_at
 from fisheye_ep_calib.simulation.truth import disc_centroids, feature_pixels, observe
 
 __all__ = [
     "Imaging",
+    "SimulatedCamera",
     "StampedImage",
+    "View",
     "disc_centroids",
     "feature_pixels",
     "look_pose",
@@ -20,5 +22,7 @@ __all__ = [
     "random_poses",
     "render",
     "render_views",
+    "simulate_rig",
+    "views_at",
     "write_bag",
 ]

@@ -15,7 +15,7 @@ _STEEPEST_STOP_ANGLE = np.radians(60)
 _ITERATIONS = 60
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class RayTracedCamera:
     """A lens and a sensor. Camera frame: origin in the paraxial entrance pupil, x right, y down, z to the scene.
 

@@ -12,6 +12,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.simulation import (
     Imaging,
+    SimulatedCamera,
     StampedImage,
     feature_pixels,
     look_pose,
@@ -21,6 +22,8 @@ from fisheye_ep_calib.simulation import (
     paper_target,
     random_poses,
     render_views,
+    simulate_rig,
+    views_at,
     write_bag,
 )
 from fisheye_ep_calib.target.chessboard import Chessboard
@@ -119,7 +122,24 @@ def test_a_bag_needs_its_suffix_and_leaves_nothing_when_it_fails(tmp_path):
 def test_views_are_the_same_from_one_process_and_from_two():
     camera, target = FisheyeCamera((160, 120), 40, 40, 80, 60, theta_max=1.5), paper_target()
     poses = random_poses(target, 7, seed=2)
-    looks = Imaging(noise=3, seed=5)
-    alone, together = (list(render_views(camera, target, poses, looks, processes=n)) for n in (1, 2))
+    views = views_at(camera, target, poses, Imaging(noise=3, seed=5))
+    alone, together = (list(render_views(views, processes=n)) for n in (1, 2))
     assert len(alone) == 7 and not np.array_equal(alone[0], alone[1])
     assert np.array_equal(alone, together)
+
+
+def test_a_rig_s_cameras_are_in_step_and_in_order():
+    target = paper_target()
+    small = FisheyeCamera((64, 48), 16, 16, 32, 24, theta_max=1.5)
+    poses = random_poses(target, 3, seed=2)
+    rig = [SimulatedCamera(name, views_at(small, target, poses[:count])) for name, count in (("a", 3), ("b", 2))]
+    images = list(simulate_rig(rig, rate=4.0, start_ns=10**18, processes=1))
+    assert [(image.topic, image.stamp_ns - 10**18) for image in images] == [
+        ("/a/image_raw", 0),
+        ("/b/image_raw", 0),
+        ("/a/image_raw", 250_000_000),
+        ("/b/image_raw", 250_000_000),
+        ("/a/image_raw", 500_000_000),
+    ]
+    assert images[1].frame_id == "b_optical_frame"
+    assert np.array_equal(images[0].image, images[1].image)
