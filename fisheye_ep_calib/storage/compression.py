@@ -6,9 +6,6 @@ import bz2
 import shutil
 from pathlib import Path
 
-import lz4.frame
-import zstandard
-
 from fisheye_ep_calib.errors import InputError
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -22,16 +19,13 @@ def decompress(content: bytes, kind: str, limit: int) -> bytes:
     """
     if kind in ("", "none"):
         return content
+    if kind not in DECOMPRESSORS:
+        raise InputError(f"the compression {kind[:20]!r} is not known")
     try:
-        if kind == "zstd":
-            data = _zstd(content, limit + 1)
-        elif kind == "lz4":
-            data = lz4.frame.LZ4FrameDecompressor().decompress(content, max_length=limit + 1)
-        elif kind == "bz2":
-            data = bz2.BZ2Decompressor().decompress(content, max_length=limit + 1)
-        else:
-            raise InputError(f"the compression {kind[:20]!r} is not known")
-    except (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError, MemoryError):
+        data = DECOMPRESSORS[kind](content, limit + 1)
+    except ModuleNotFoundError as error:
+        raise InputError(f"{kind} needs the Python package {error.name}: pip install {error.name}") from None
+    except Exception:  # each library has its own, and damaged bytes lead to all of them
         raise InputError(f"the {kind} data is damaged") from None
     if len(data) > limit:
         raise InputError(f"the {kind} data holds more than it declares")
@@ -39,6 +33,8 @@ def decompress(content: bytes, kind: str, limit: int) -> bytes:
 
 
 def _zstd(content: bytes, limit: int) -> bytes:
+    import zstandard
+
     reader = zstandard.ZstdDecompressor().stream_reader(content, read_across_frames=True)
     parts = []
     while limit > 0 and (part := reader.read(min(BLOCK, limit))):
@@ -47,11 +43,28 @@ def _zstd(content: bytes, limit: int) -> bytes:
     return b"".join(parts)
 
 
+def _lz4(content: bytes, limit: int) -> bytes:
+    import lz4.frame
+
+    return lz4.frame.LZ4FrameDecompressor().decompress(content, max_length=limit)
+
+
+def _bz2(content: bytes, limit: int) -> bytes:
+    return bz2.BZ2Decompressor().decompress(content, max_length=limit)
+
+
+DECOMPRESSORS = {"zstd": _zstd, "lz4": _lz4, "bz2": _bz2}
+
+
 def decompress_file(source: Path, destination: Path) -> str:
     """Decompress a .zstd file as far as it goes. Returns what went wrong in words, or an empty string.
 
     Raises InputError where the disk would fill up.
     """
+    try:
+        import zstandard
+    except ModuleNotFoundError:
+        raise InputError(f"{source}: reading it needs the Python package zstandard") from None
     room = shutil.disk_usage(destination.parent).free - 2**28
     with open(source, "rb") as packed, open(destination, "wb") as unpacked:
         reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)

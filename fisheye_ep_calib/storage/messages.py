@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from rosbags.typesys import Stores, get_typestore
-
 from fisheye_ep_calib.errors import InputError
 
 
 @lru_cache(maxsize=2)
 def _typestore(encoding: str):
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ModuleNotFoundError:
+        raise InputError("reading bags needs the Python package rosbags: pip install rosbags") from None
     return get_typestore(Stores.ROS2_JAZZY if encoding == "cdr" else Stores.ROS1_NOETIC)
 
 

@@ -88,9 +88,7 @@ class Recording:
     def image_topics(self) -> tuple[ImageTopic, ...]:
         """The topics that hold images, by name."""
         return tuple(
-            ImageTopic(name, self.topics[name], len(frames))
-            for name, frames in sorted(self._frames.items())
-            if frames
+            ImageTopic(name, self.topics[name], len(frames)) for name, frames in sorted(self._frames.items()) if frames
         )
 
     def count(self, topic: str) -> int:
@@ -105,15 +103,11 @@ class Recording:
     def frames(self, topics: Sequence[str] | None = None) -> Iterator[Frame]:
         """Every image of these topics (default: of all), in the order of time; none is read yet."""
         names = [topic.name for topic in self.image_topics()] if topics is None else topics
-        runs = [
-            map(lambda index, name=name: self.frame(name, index), range(self.count(name))) for name in names
-        ]
+        runs = [map(lambda index, name=name: self.frame(name, index), range(self.count(name))) for name in names]
         return heapq.merge(*runs, key=lambda frame: frame.stamp_ns)
 
 
-def open_recording(
-    paths: str | os.PathLike | Sequence[str | os.PathLike], *, strict: bool = False
-) -> Recording:
+def open_recording(paths: str | os.PathLike | Sequence[str | os.PathLike], *, strict: bool = False) -> Recording:
     """Open bags, folders of images or patterns such as ``images/*.png``, several of them as one recording.
 
     A damaged file is used as far as it can be read, and ``problems`` says what is lost; ``strict`` refuses it
@@ -121,15 +115,15 @@ def open_recording(
     """
     names = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     scratch = tempfile.TemporaryDirectory(prefix="fisheye_ep_calib_")
+    recording = Recording((), (), scratch)
     try:
-        sources, problems = find_sources(names, Path(scratch.name))
-        recording = Recording(sources, problems, scratch)
-        if strict and problems:
-            raise InputError(_first_of(problems))
+        recording = Recording(*find_sources(names, Path(scratch.name)), scratch)
+        if strict and recording.problems:
+            raise InputError(_first_of(recording.problems))
         if not recording.image_topics():
             raise InputError(_no_images(recording, ", ".join(map(str, names))))
     except BaseException:
-        scratch.cleanup()
+        recording.close()
         raise
     return recording
 
@@ -141,9 +135,7 @@ def choose_topics(recording: Recording, wanted: Sequence[str] = ()) -> tuple[str
     if not wanted:
         if len(topics) == 1:
             return (topics[0].name,)
-        raise InputError(
-            f"the recording has {len(topics)} image topics: {listed}; choose with --topic NAME=TOPIC"
-        )
+        raise InputError(f"the recording has {len(topics)} image topics: {listed}; choose with --topic NAME=TOPIC")
     for name in wanted:
         if name not in {topic.name for topic in topics}:
             kind = recording.topics.get(name)

@@ -29,9 +29,7 @@ def images(count=12, width=80, height=60, seed=0) -> list[np.ndarray]:
     return [generator.integers(0, 256, (height, width), dtype=np.uint8) for _ in range(count)]
 
 
-def messages(
-    pictures, topic="/camera/image_raw", kind=IMAGE, start_ns=START_NS, period_ns=10**8
-) -> list[tuple]:
+def messages(pictures, topic="/camera/image_raw", kind=IMAGE, start_ns=START_NS, period_ns=10**8) -> list[tuple]:
     """(topic, stamp, type, image) for the writers below."""
     return [(topic, start_ns + i * period_ns, kind, image) for i, image in enumerate(pictures)]
 

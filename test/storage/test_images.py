@@ -90,9 +90,7 @@ def test_other_names_and_layouts(encoding, samples):
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_bayer_patterns_weigh_each_colour_as_colour_images_do(pattern):
     rgb = {"r": 200, "g": 120, "b": 40}
-    samples = np.tile(
-        np.array([[rgb[pattern[0]], rgb[pattern[1]]], [rgb[pattern[2]], rgb[pattern[3]]]]), (8, 8)
-    )
+    samples = np.tile(np.array([[rgb[pattern[0]], rgb[pattern[1]]], [rgb[pattern[2]], rgb[pattern[3]]]]), (8, 8))
     decoded = decode_image(image_message(samples.astype(np.uint8), f"bayer_{pattern}8", 16, 16))
     expected = 0.299 * rgb["r"] + 0.587 * rgb["g"] + 0.114 * rgb["b"]
     np.testing.assert_allclose(decoded[2:-2, 2:-2], expected, atol=2)
@@ -183,9 +181,7 @@ def test_compressed_images(suffix, tolerance, channels):
 
 
 def test_sixteen_bit_and_transparent_png():
-    np.testing.assert_array_equal(
-        decode_file_content(encoded(".png", scene().astype(np.uint16) * 16)), scene()
-    )
+    np.testing.assert_array_equal(decode_file_content(encoded(".png", scene().astype(np.uint16) * 16)), scene())
     transparent = np.dstack([scene()] * 3 + [np.zeros_like(scene())])
     np.testing.assert_allclose(decode_file_content(encoded(".png", transparent)), scene(), atol=1)
 

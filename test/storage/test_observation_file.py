@@ -123,9 +123,7 @@ def test_missing_files_folders_and_other_formats(tmp_path):
 def test_an_array_header_that_promises_too_much_is_refused(tmp_path):
     path = write(tmp_path / "big.npz", pixels=None)
     header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        header, {"descr": "<f8", "fortran_order": False, "shape": (9**9, 9**9)}
-    )
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (9**9, 9**9)})
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("pixels.npy", header.getvalue() + bytes(48))
     with pytest.raises(InputError, match="pixels cannot be read: its header promises"):

@@ -54,9 +54,7 @@ def only_file(folder, suffix):
 FORMATS = {
     "rosbag2 sqlite3": lambda p: write_rosbag2(p / "bag", RECORDED),
     "rosbag2 mcap": lambda p: write_rosbag2(p / "bag", RECORDED, "mcap"),
-    "rosbag2 sqlite3, messages compressed": lambda p: write_rosbag2(
-        p / "bag", RECORDED, compression="message"
-    ),
+    "rosbag2 sqlite3, messages compressed": lambda p: write_rosbag2(p / "bag", RECORDED, compression="message"),
     "rosbag2 mcap, messages compressed": lambda p: write_rosbag2(p / "bag", RECORDED, "mcap", "message"),
     "rosbag2 sqlite3, file compressed": lambda p: write_rosbag2(p / "bag", RECORDED, compression="file"),
     "rosbag2 sqlite3, split": lambda p: split_rosbag2(p / "bag", "sqlite3"),
@@ -95,9 +93,7 @@ def test_every_format_gives_the_same_images(name, tmp_path):
             np.testing.assert_array_equal(frame.image(), picture)
 
 
-@pytest.mark.parametrize(
-    "name", ["db3", "mcap, zstd chunks", "ROS 1 bag, lz4", "rosbag2 sqlite3, file compressed"]
-)
+@pytest.mark.parametrize("name", ["db3", "mcap, zstd chunks", "ROS 1 bag, lz4", "rosbag2 sqlite3, file compressed"])
 def test_frames_are_read_in_any_order_by_another_process(name, tmp_path):
     with open_recording(FORMATS[name](tmp_path)) as recording:
         recording.frame("/camera/image_raw", 0).image()
@@ -142,9 +138,7 @@ def test_several_cameras_interleave_in_time(tmp_path):
         assert [frame.topic for frame in recording.frames()][:4] == ["/left/image_raw", right[0][0]] * 2
         np.testing.assert_array_equal(recording.frame(right[0][0], 2).image(), PICTURES[8])
         assert recording.topics["/chatter"] == "std_msgs/msg/String"
-        with pytest.raises(
-            InputError, match=r"2 image topics: /left/image_raw \(6 × sensor_msgs/msg/Image\)"
-        ):
+        with pytest.raises(InputError, match=r"2 image topics: /left/image_raw \(6 × sensor_msgs/msg/Image\)"):
             choose_topics(recording)
         assert choose_topics(recording, ["/left/image_raw"]) == ("/left/image_raw",)
         with pytest.raises(InputError, match="/chatter is of type std_msgs/msg/String"):

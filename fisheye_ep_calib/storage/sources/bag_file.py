@@ -14,6 +14,7 @@ from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, 
 MAGIC = b"#ROSBAG V2.0\n"
 MAX_HEADER_BYTES = 2**20
 MAX_CHUNK_BYTES = 2**30
+LAST_POSITION = 2**62  # beyond any file, within what seek() takes
 
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 
@@ -63,9 +64,11 @@ class BagFile(BagSource):
         self._known_connections: set[int] = set()
         self._cached_chunk: tuple[int, bytes] = (0, b"")
         self._size = path.stat().st_size
+
+    def list_images(self) -> None:
         stream = self._stream()
         if stream.read(len(MAGIC)) != MAGIC:
-            raise InputError(f"{path} is not a ROS 1 bag of version 2.0, or its first bytes are damaged")
+            raise InputError(f"{self.path} is not a ROS 1 bag of version 2.0, or its first bytes are damaged")
         chunks, complete = self._chunk_positions(stream)
         lost = 0
         for position in chunks:
@@ -74,11 +77,9 @@ class BagFile(BagSource):
             except (Damaged, InputError):
                 lost += 1
         if not complete:
-            self.problems.append(f"{path}: not indexed, cut short or damaged; what can be read is used")
+            self.problems.append(f"{self.path}: not indexed, cut short or damaged; what can be read is used")
         if lost:
-            self.problems.append(f"{path}: {lost} of {len(chunks)} chunks are damaged and lost")
-        for entries in self.entries.values():
-            entries.sort(key=lambda entry: entry.stamp_ns)
+            self.problems.append(f"{self.path}: {lost} of {len(chunks)} chunks are damaged and lost")
 
     def _chunk_positions(self, stream: BinaryIO) -> tuple[list[int], bool]:
         """Where the chunks are, from the index at the end or by walking, and whether the bag is whole."""
@@ -94,9 +95,10 @@ class BagFile(BagSource):
 
     def _chunks_from_index(self, stream: BinaryIO, header: Record) -> list[int]:
         position = header.number("index_pos", "<Q")
-        wanted = [CONNECTION] * header.number("conn_count") + [CHUNK_INFO] * header.number("chunk_count")
-        if not len(MAGIC) < position < self._size:
+        connections, chunk_count = header.number("conn_count"), header.number("chunk_count")
+        if not len(MAGIC) < position <= self._size or connections + chunk_count > self._size:
             raise Damaged
+        wanted = [CONNECTION] * connections + [CHUNK_INFO] * chunk_count
         chunks = []
         for kind in wanted:
             record = _record_at(stream, position)
@@ -193,9 +195,7 @@ class BagFile(BagSource):
         declared = chunk.number("size")
         if max(declared, chunk.length) > MAX_CHUNK_BYTES:
             raise InputError(f"a chunk declares {declared} bytes, too many")
-        return decompress(
-            _read_exactly(stream, chunk.data, chunk.length), chunk.text("compression"), declared
-        )
+        return decompress(_read_exactly(stream, chunk.data, chunk.length), chunk.text("compression"), declared)
 
     def read(self, topic: str, entry: Entry) -> bytes:
         position, offset = entry.location
@@ -213,9 +213,7 @@ class BagFile(BagSource):
 
     def _message(self, stream: BinaryIO, position: int, topic: str, entry: Entry) -> bytes:
         record = _record_at(stream, position)
-        while (
-            record.kind == CONNECTION
-        ):  # an index may point at the connection that precedes its first message
+        while record.kind == CONNECTION:  # an index may point at the connection that precedes its first message
             record = _record_at(stream, record.end)
         if record.kind != MESSAGE or record.length > MAX_MESSAGE_BYTES or record.time() != entry.stamp_ns:
             raise Damaged
@@ -232,6 +230,8 @@ class BagFile(BagSource):
 
 
 def _read_exactly(stream: BinaryIO, position: int, length: int) -> bytes:
+    if position >= LAST_POSITION:
+        raise Damaged
     stream.seek(position)
     content = stream.read(length)
     if len(content) != length:

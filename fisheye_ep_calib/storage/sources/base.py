@@ -27,7 +27,8 @@ class Entry(NamedTuple):
 
 
 class Source:
-    """One file, indexed when made. Pickles without its open file, so that workers can read by themselves.
+    """One file; its images are listed once it is opened. Pickles without its open file, so that workers can
+    read by themselves.
 
     topics: every topic in the file → its type as ROS 2 spells it. entries: image topics → their images.
     problems: what of the file is lost, in words a user understands.
@@ -39,6 +40,26 @@ class Source:
         self.entries: dict[str, list[Entry]] = {}
         self.problems: list[str] = []
         self._file: Any = None
+
+    @classmethod
+    def open(cls, path: Path) -> Source:
+        """Open a file and list its images. Raises InputError where it is not of this format."""
+        source = cls(path)
+        try:
+            source.list_images()
+        except OSError as error:
+            source.close()
+            raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+        except BaseException:
+            source.close()
+            raise
+        for entries in source.entries.values():
+            entries.sort(key=lambda entry: entry.stamp_ns)
+        return source
+
+    def list_images(self) -> None:
+        """Fill in topics, entries and problems."""
+        raise NotImplementedError
 
     def image(self, topic: str, entry: Entry) -> np.ndarray:
         """The image as grey (h, w) uint8. Raises InputError where it is damaged."""

@@ -3,31 +3,29 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+import struct
 from pathlib import Path
 from urllib.parse import quote
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry
 
-MAGIC = b"SQLite format 3\0"
-
 
 class Db3File(BagSource):
     """An entry's location is (row of the table ``messages``,)."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
+    def list_images(self) -> None:
         topics = self._topics()
         if not topics:
-            raise InputError(f"{path} holds no topics")
+            raise InputError(f"{self.path} holds no topics")
         rows: list[tuple] = []
         complete = self._collect(rows, "ASC", None)
         if not complete:
             # What lies beyond the damage may still be reached from the other end.
             self._collect(rows, "DESC", rows[-1][0] if rows else None)
-            self.problems.append(f"{path}: the database is cut short or damaged; what can be read is used")
-        for row, topic_id, stamp in sorted(rows, key=lambda row: (row[2], row[0])):
+        if not complete or self._is_cut_short():
+            self.problems.append(f"{self.path}: the database is cut short or damaged; what can be read is used")
+        for row, topic_id, stamp in sorted(rows):
             if topic_id in topics:
                 self.entries[topics[topic_id]].append(Entry(stamp, (row,)))
 
@@ -46,21 +44,29 @@ class Db3File(BagSource):
         return images or {-1: ""} if self.topics else {}
 
     def _collect(self, rows: list[tuple], direction: str, stop_at: int | None) -> bool:
-        """Append (row, topic, time) of every message; False where the database stops being readable."""
+        """Append (row, topic, time) of every message; False where some cannot be read."""
+        complete = True
         # Not by an index: the table is what is read later, and what is damaged in it shows here.
         query = f"SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id {direction}"
         try:
-            for row in self._whole_rows(self._connection().execute(query)):
+            for row in self._connection().execute(query):
                 if row[0] == stop_at:
                     break
-                rows.append(row)
+                if all(isinstance(value, int) for value in row):
+                    rows.append(row)
+                else:
+                    complete = False
         except sqlite3.Error:
             return False
-        return True
+        return complete
 
-    @staticmethod
-    def _whole_rows(rows) -> Iterator[tuple]:
-        return (row for row in rows if all(isinstance(value, int) for value in row))
+    def _is_cut_short(self) -> bool:
+        """Whether the file is shorter than its header says: page size at byte 16, number of pages at 28."""
+        with open(self.path, "rb") as file:
+            header = file.read(32)
+        (page_size,) = struct.unpack_from(">H", header, 16)
+        (pages,) = struct.unpack_from(">I", header, 28)
+        return self.path.stat().st_size < (65536 if page_size == 1 else page_size) * pages
 
     def _connection(self) -> sqlite3.Connection:
         if self._file is None:

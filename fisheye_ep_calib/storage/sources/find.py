@@ -3,24 +3,45 @@
 from __future__ import annotations
 
 import glob
+import importlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import yaml
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
-from fisheye_ep_calib.storage.sources import bag_file, db3_file, mcap_records
-from fisheye_ep_calib.storage.sources.bag_file import BagFile
 from fisheye_ep_calib.storage.sources.base import Source
-from fisheye_ep_calib.storage.sources.db3_file import Db3File
 from fisheye_ep_calib.storage.sources.image_files import ImageFiles, is_image_file, natural_order
-from fisheye_ep_calib.storage.sources.mcap_file import McapFile
 
-BAG_KINDS = ((mcap_records.MAGIC, McapFile), (db3_file.MAGIC, Db3File), (bag_file.MAGIC, BagFile))
-BAG_SUFFIXES = {".mcap": McapFile, ".db3": Db3File, ".bag": BagFile}
 MAX_METADATA_BYTES = 2**24
+
+
+class BagFormat(NamedTuple):
+    """Imported when first needed: folders of images are read without the packages that bags want."""
+
+    suffix: str
+    magic: bytes
+    module: str
+    source: str
+
+    def open(self, path: Path) -> Source:
+        try:
+            module = importlib.import_module(f"fisheye_ep_calib.storage.sources.{self.module}")
+        except ModuleNotFoundError as error:
+            raise InputError(
+                f"{path}: reading it needs the Python package {error.name}: pip install {error.name}"
+            ) from None
+        return getattr(module, self.source).open(path)
+
+
+BAG_FORMATS = (
+    BagFormat(".mcap", b"\x89MCAP0\r\n", "mcap_file", "McapFile"),
+    BagFormat(".db3", b"SQLite format 3\0", "db3_file", "Db3File"),
+    BagFormat(".bag", b"#ROSBAG V2.0\n", "bag_file", "BagFile"),
+)
 
 
 def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> tuple[list[Source], list[str]]:
@@ -79,20 +100,14 @@ def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list
     images = [path for path in contents if is_image_file(path)]
     if images:
         return [ImageFiles(folder.absolute().name or "images", images)]
-    by_camera = {
-        path: [file for file in path.iterdir() if is_image_file(file)] for path in contents if path.is_dir()
-    }
+    by_camera = {path: [file for file in path.iterdir() if is_image_file(file)] for path in contents if path.is_dir()}
     sources: list[Source] = [ImageFiles(path.name, files) for path, files in by_camera.items() if files]
     if not sources:
-        raise InputError(
-            f"{folder} holds neither a bag (.mcap, .db3, .bag) nor images (.png, .jpg, .bmp, .tif)"
-        )
+        raise InputError(f"{folder} holds neither a bag (.mcap, .db3, .bag) nor images (.png, .jpg, .bmp, .tif)")
     return sources
 
 
-def _sources_of_bag_folder(
-    folder: Path, bags: list[Path], scratch: Path, problems: list[str]
-) -> list[Source]:
+def _sources_of_bag_folder(folder: Path, bags: list[Path], scratch: Path, problems: list[str]) -> list[Source]:
     """The files of a rosbag2 folder, or ROS 1 bags side by side; an unreadable one spares the others."""
     missing = [name for name in _files_listed(folder) if not (folder / name).exists()]
     if missing:
@@ -126,7 +141,7 @@ def _files_listed(folder: Path) -> list[str]:
 def _bag_suffix(path: Path) -> str:
     """.mcap, .db3 or .bag, also under .zstd; empty for any other file."""
     name = path.with_suffix("") if path.suffix == ".zstd" else path
-    return name.suffix if name.suffix in BAG_SUFFIXES else ""
+    return name.suffix if name.suffix in [known.suffix for known in BAG_FORMATS] else ""
 
 
 def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:
@@ -144,11 +159,11 @@ def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:
             raise InputError(f"{packed} is empty or damaged")
         with open(path, "rb") as file:
             start = file.read(16)
-    kinds = [kind for magic, kind in BAG_KINDS if start.startswith(magic)]
-    kind = kinds[0] if kinds else BAG_SUFFIXES.get(_bag_suffix(path))
-    if kind is None:
-        raise InputError(f"{path} is neither a bag (.mcap, .db3, .bag) nor an image nor a folder of either")
-    return kind(path)
+    by_magic = [known for known in BAG_FORMATS if start.startswith(known.magic)]
+    by_name = [known for known in BAG_FORMATS if known.suffix == _bag_suffix(path)]
+    for known in by_magic + by_name:
+        return known.open(path)
+    raise InputError(f"{path} is neither a bag (.mcap, .db3, .bag) nor an image nor a folder of either")
 
 
 def _decompressed(path: Path, scratch: Path, problems: list[str]) -> Path:

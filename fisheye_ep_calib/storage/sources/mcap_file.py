@@ -43,14 +43,14 @@ class McapFile(BagSource):
         self._channels: dict[int, str] = {}
         self._cached_chunk: tuple[int, bytes] = (0, b"")
         self._size = path.stat().st_size
+
+    def list_images(self) -> None:
         stream = self._stream()
         if stream.read(len(MAGIC)) != MAGIC:
-            raise InputError(f"{path} is not an MCAP file, or its first bytes are damaged")
+            raise InputError(f"{self.path} is not an MCAP file, or its first bytes are damaged")
         if not self._index_from_summary(stream):
             self._forget()
             self._index_by_walking(stream)
-        for entries in self.entries.values():
-            entries.sort(key=lambda entry: entry.stamp_ns)
 
     def _forget(self) -> None:
         for known in (self.topics, self.entries, self.encodings, self._schemas, self._channels):
@@ -96,8 +96,14 @@ class McapFile(BagSource):
             for channel, position in chunk.message_index_offsets.items():
                 if channel in self._channels:
                     self._read_message_index(stream, channel, position, chunk.chunk_start_offset)
-        listed = sum(len(entries) for entries in self.entries.values())
-        return not counts or listed == sum(counts.get(channel, 0) for channel in self._channels)
+        return not counts or self._listed() == self._counted(counts)
+
+    def _listed(self) -> int:
+        return sum(len(entries) for entries in self.entries.values())
+
+    def _counted(self, counts: dict[int, int]) -> int:
+        """How many images the file's statistics (channel → messages) speak of."""
+        return sum(counts.get(channel, 0) for channel in self._channels)
 
     def _read_message_index(self, stream: BinaryIO, channel: int, position: int, chunk_position: int) -> None:
         record = record_at(stream, position)
@@ -109,28 +115,33 @@ class McapFile(BagSource):
 
     def _index_by_walking(self, stream: BinaryIO) -> None:
         """List the images by going from record to record, for as long as they make sense."""
-        lost = 0
+        damaged = 0
+        ended = False
+        counts: dict[int, int] = {}
         try:
             for record in walk(stream, len(MAGIC), self._size):
-                if record.opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                if record.opcode == Opcode.FOOTER:
                     break
-                if record.opcode == Opcode.CHUNK:
-                    lost += not self._index_chunk(stream, record)
+                if record.opcode == Opcode.DATA_END:
+                    ended = True
+                elif record.opcode == Opcode.STATISTICS:
+                    counts = parse(stream, record, Statistics).channel_message_counts
+                elif record.opcode == Opcode.CHUNK:
+                    damaged += not self._index_chunk(stream, record)
                 else:
-                    lost += not self._note_if_whole(stream, record)
-            else:
+                    damaged += not self._note_if_whole(stream, record)
+            if not ended:
                 self._say_cut_short(self._size)
         except CutShort as cut:
-            self._say_cut_short(cut.position)
-        if lost:
-            self.problems.append(f"{self.path}: {lost} damaged parts are lost")
+            if not ended:
+                self._say_cut_short(cut.position)
+        if damaged:
+            self.problems.append(f"{self.path}: {damaged} damaged parts are lost")
+        elif ended and self._listed() < self._counted(counts):
+            self.problems.append(f"{self.path}: {self._counted(counts) - self._listed()} images are lost")
 
     def _say_cut_short(self, position: int) -> None:
-        where = (
-            "at its end"
-            if position >= self._size
-            else f"at {100 * position / self._size:.0f} % of its length"
-        )
+        where = "at its end" if position >= self._size else f"at {100 * position / self._size:.0f} % of its length"
         self.problems.append(f"{self.path}: unfinished, cut short or damaged {where}; what precedes is used")
 
     def _index_chunk(self, stream: BinaryIO, record: Record) -> bool:
@@ -160,9 +171,7 @@ class McapFile(BagSource):
             return False
         return True
 
-    def _note(
-        self, stream: BinaryIO, record: Record, chunk_position: int = OUTSIDE_CHUNKS, start: int = 0
-    ) -> None:
+    def _note(self, stream: BinaryIO, record: Record, chunk_position: int = OUTSIDE_CHUNKS, start: int = 0) -> None:
         """Remember a schema, a channel, or where an image is; everything else is passed over."""
         if record.opcode == Opcode.SCHEMA:
             schema = parse(stream, record, Schema)

@@ -23,6 +23,7 @@ FOOTER_BYTES = HEADER_BYTES + 20
 MESSAGE_HEADER_BYTES = 22
 MAX_CHUNK_BYTES = 2**30
 MAX_SMALL_RECORD_BYTES = 2**26
+LAST_POSITION = 2**62  # beyond any file, within what seek() takes
 
 
 class CutShort(Exception):
@@ -60,6 +61,8 @@ class ChunkHeader(NamedTuple):
 
 
 def read_exactly(stream: BinaryIO, position: int, length: int) -> bytes:
+    if position >= LAST_POSITION:
+        raise CutShort(position)
     stream.seek(position)
     content = stream.read(length)
     if len(content) != length:
@@ -69,7 +72,7 @@ def read_exactly(stream: BinaryIO, position: int, length: int) -> bytes:
 
 def record_at(stream: BinaryIO, position: int) -> Record:
     opcode, length = struct.unpack("<BQ", read_exactly(stream, position, HEADER_BYTES))
-    if opcode == 0 or length >= 2**62:
+    if opcode == 0 or length >= LAST_POSITION:
         raise CutShort(position)
     return Record(opcode, position, length)
 
