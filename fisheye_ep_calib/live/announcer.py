@@ -1,0 +1,38 @@
+"""Says each thing once, until it is over and starts again."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+
+class Announcer:
+    """Passes texts on to a log; a warning that is still standing is not repeated."""
+
+    def __init__(self, info: Callable[[str], None], warning: Callable[[str], None]) -> None:
+        self._info, self._warning = info, warning
+        self._standing: dict[str, str] = {}
+        self._lock = threading.Lock()
+
+    def info(self, text: str) -> None:
+        self._info(text)
+
+    def warn_once(self, key: str, text: str) -> None:
+        """Warn unless a warning with this key stands already; say what ends it with ``over``."""
+        with self._lock:
+            known = key in self._standing
+            self._standing.setdefault(key, text)
+        if not known:
+            self._warning(text)
+
+    def over(self, key: str, text: str = "") -> None:
+        """The warning's cause is gone; ``text`` is said if it stood."""
+        with self._lock:
+            stood = self._standing.pop(key, None)
+        if stood is not None and text:
+            self._info(text)
+
+    def standing(self) -> dict[str, str]:
+        """Warnings whose cause has not been seen to end, by key."""
+        with self._lock:
+            return dict(self._standing)

@@ -1,0 +1,229 @@
+"""The live calibrator without ROS: frames in, views kept, cameras calibrated, files written."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.live.announcer import Announcer
+from fisheye_ep_calib.live.calibration_job import Outcome, calibrate_views
+from fisheye_ep_calib.live.frame import RawFrame, Sighting, detect_in_frame
+from fisheye_ep_calib.live.session import CameraSession, Verdict
+from fisheye_ep_calib.live.settings import Settings, Tuning
+from fisheye_ep_calib.live.work_pool import Task, WorkPool
+from fisheye_ep_calib.storage.atomic import atomic_write
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a service call tells: whether all of it was done, and a line with the numbers."""
+
+    success: bool
+    text: str
+
+
+class LiveCalibrator:
+    """Any number of cameras behind one pool of workers. Every method returns at once unless it says otherwise."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        tuning: Tuning,
+        announcer: Announcer,
+        on_result: Callable[[str, Outcome | None], None],
+    ) -> None:
+        """on_result: told (camera, outcome) when a calibration comes into force, None when it is reset.
+
+        Raises InputError where an earlier run's views cannot be taken up.
+        """
+        self._announcer = announcer
+        self._on_result = on_result
+        self._tuning = tuning
+        self._settings = {camera.name: camera for camera in settings.cameras}
+        self._automatic: dict[str, int] = {}  # views that each camera's last automatic calibration had
+        self._stopping = threading.Event()
+        self.sessions = {
+            camera.name: CameraSession(camera.name, camera.target, settings.output_directory, tuning.limits)
+            for camera in settings.cameras
+        }
+        for name, session in self.sessions.items():
+            resumed = session.start(settings.resume)
+            if resumed:
+                announcer.info(f"{name}: going on with {resumed} views from {session.observation_file}")
+        self._pool = WorkPool(settings.workers, on_error=lambda text: announcer.warn_once("pool", text))
+        for name in self.sessions:
+            self._calibrate_if_due(name)
+
+    def tune(self, tuning: Tuning) -> None:
+        """Change what may change while running."""
+        self._tuning = tuning
+        for session in self.sessions.values():
+            session.limits = tuning.limits
+
+    def offer(self, name: str, message: Any, frame_name: str) -> None:
+        """Take a camera's newest image message; one that nobody looked at yet is dropped for it."""
+        session, target = self.sessions[name], self._settings[name].target
+        task = Task(
+            detect_in_frame,
+            lambda: (RawFrame.from_message(message, frame_name), target),
+            lambda sighting, error: self._searched(session, sighting, error),
+        )
+        dropped = self._pool.offer_frame(name, task)
+        session.count(received=1, dropped=int(dropped))
+
+    def calibrate(self) -> Answer:
+        """Calibrate every camera from all its views and wait for the results."""
+        waiting = {name: self._queue_calibration(name) for name in self.sessions}
+        return _together([answer.wait(self._stopping) for answer in waiting.values()])
+
+    def save(self) -> Answer:
+        """Write every camera's views and calibration again; waits for the disk."""
+        return _together([self._save(session, again=True) for session in self.sessions.values()])
+
+    def reset(self) -> Answer:
+        """Forget all views and calibrations; their observation files are set aside."""
+        answers = []
+        for name, session in self.sessions.items():
+            try:
+                forgotten = session.reset()
+            except CalibrationError as error:
+                answers.append(Answer(False, str(error)))
+                continue
+            self._automatic.pop(name, None)
+            self._on_result(name, None)
+            self._announcer.over(f"{name} size")
+            answers.append(Answer(True, f"{name}: {forgotten} views set aside"))
+        return _together(answers)
+
+    def retry_writing(self) -> None:
+        """Write what the disk refused before; call it now and then."""
+        for session in self.sessions.values():
+            if session.unwritten:
+                self._write(session)
+
+    def stop(self) -> None:
+        """End the workers, whatever they are doing, and write what is not written yet."""
+        self._stopping.set()
+        self._pool.stop()
+        self.retry_writing()
+
+    def _searched(
+        self, session: CameraSession, sighting: Sighting | None, error: CalibrationError | None
+    ) -> None:
+        name = session.name
+        if sighting is None:
+            session.count(unreadable=1)
+            self._announcer.warn_once(f"{name} unreadable", f"{name}: a frame is skipped: {error}")
+            return
+        try:
+            verdict = session.consider(sighting)
+        except CalibrationError as failure:
+            self._not_written(session, failure)
+            verdict = Verdict.KEPT
+        if verdict is Verdict.OTHER_SIZE:
+            self._tell_other_size(session, sighting)
+        if verdict is Verdict.KEPT:
+            points = len(sighting.detection)
+            self._announcer.info(f"{name}: view {len(session.views)} kept, {points} points")
+            self._calibrate_if_due(name)
+
+    def _tell_other_size(self, session: CameraSession, sighting: Sighting) -> None:
+        now, before = sighting.image_size, session.image_size
+        assert before is not None
+        self._announcer.warn_once(
+            f"{session.name} size",
+            f"{session.name}: images are {now[0]}×{now[1]} now, the kept views {before[0]}×{before[1]}: "
+            "they are skipped; call ~/reset to start anew with this size",
+        )
+
+    def _calibrate_if_due(self, name: str) -> None:
+        """Automatic calibration: at the least number of views, and whenever there are a fifth more again."""
+        tuning, views = self._tuning, len(self.sessions[name].views)
+        due = max(tuning.minimum_views, int(1.2 * self._automatic.get(name, 0)) + 1)
+        if tuning.auto_calibrate and views >= due:
+            self._automatic[name] = views
+            self._queue_calibration(name)
+
+    def _queue_calibration(self, name: str) -> _Promise:
+        session, camera = self.sessions[name], self._settings[name]
+        promise = _Promise()
+        generation = session.generation
+
+        def arguments() -> tuple:
+            return session.observations(), camera.model, name
+
+        def done(outcome: Outcome | None, error: CalibrationError | None) -> None:
+            try:
+                promise.answer = self._calibrated(session, outcome, error, generation)
+            finally:
+                promise.ready.set()
+
+        self._pool.queue_job(Task(calibrate_views, arguments, done))
+        return promise
+
+    def _calibrated(
+        self,
+        session: CameraSession,
+        outcome: Outcome | None,
+        error: CalibrationError | None,
+        generation: int,
+    ) -> Answer:
+        name = session.name
+        if outcome is None:
+            self._announcer.warn_once(f"{name} calibration", f"{name}: not calibrated: {error}")
+            return Answer(False, f"{name}: {error}")
+        if not session.adopt(outcome, generation):
+            return Answer(False, f"{name}: its views were reset meanwhile")
+        self._announcer.over(f"{name} calibration")
+        self._on_result(name, outcome)
+        answer = self._save(session)
+        self._announcer.info(answer.text)
+        return answer
+
+    def _save(self, session: CameraSession, again: bool = False) -> Answer:
+        name, views, outcome = session.name, len(session.views), session.outcome
+        if not self._write(session, again):
+            return Answer(False, f"{name}: not written, {self._announcer.standing()[f'{name} disk']}")
+        if outcome is None:
+            return Answer(True, f"{name}: {views} views in {session.observation_file}, not calibrated yet")
+        return Answer(True, f"{name}: {_numbers(outcome.result)}, in {session.camera_file}")
+
+    def _write(self, session: CameraSession, again: bool = False) -> bool:
+        try:
+            session.write(again)
+        except CalibrationError as error:
+            self._not_written(session, error)
+            return False
+        self._announcer.over(f"{session.name} disk", f"{session.name}: everything is written now")
+        return True
+
+    def _not_written(self, session: CameraSession, error: CalibrationError) -> None:
+        text = f"{session.name}: {error}; all stays in memory and writing is tried again"
+        self._announcer.warn_once(f"{session.name} disk", text)
+
+
+class _Promise:
+    """The answer of a calibration that has been queued."""
+
+    def __init__(self) -> None:
+        self.ready = threading.Event()
+        self.answer = Answer(False, "the calibrator stopped before the calibration ended")
+
+    def wait(self, stopping: threading.Event) -> Answer:
+        while not self.ready.wait(0.1) and not stopping.is_set():
+            pass
+        return self.answer
+
+
+def _together(answers: list[Answer]) -> Answer:
+    return Answer(all(answer.success for answer in answers), "; ".join(answer.text for answer in answers))
+
+
+def _numbers(result: Any) -> str:
+    """A calibration in figures."""
+    return (
+        f"{result.camera.model}, RMS {result.rms_px:.3f} px, {result.views} views, {result.points} points"
+    )

@@ -1,0 +1,58 @@
+"""One camera frame on its way to a worker, and what the worker finds in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from fisheye_ep_calib.storage.images import decode_compressed, decode_image
+from fisheye_ep_calib.target import Detection, Target
+
+
+@dataclass(frozen=True)
+class RawFrame:
+    """The fields of an image message that decoding needs, undecoded and unchecked: the worker checks them.
+
+    name: what the view is called in the observation file. The other fields are those of sensor_msgs/Image;
+    a compressed frame has ``data`` alone.
+    """
+
+    name: str
+    data: Any
+    compressed: bool = False
+    height: int = 0
+    width: int = 0
+    encoding: str = ""
+    is_bigendian: int = 0
+    step: int = 0
+
+    @staticmethod
+    def from_message(message: Any, name: str) -> RawFrame:
+        """From a sensor_msgs Image, or a CompressedImage, which has no encoding."""
+        if not hasattr(message, "encoding"):
+            return RawFrame(name, message.data, compressed=True)
+        return RawFrame(
+            name,
+            message.data,
+            height=message.height,
+            width=message.width,
+            encoding=message.encoding,
+            is_bigendian=message.is_bigendian,
+            step=message.step,
+        )
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What was found in one frame: its name, its size (width, height) and the target's features."""
+
+    name: str
+    image_size: tuple[int, int]
+    detection: Detection
+
+
+def detect_in_frame(frame: RawFrame, target: Target) -> Sighting:
+    """Decode a frame and find the target in it. Raises InputError for a frame that cannot be decoded."""
+    image = decode_compressed(frame) if frame.compressed else decode_image(frame)
+    height, width = image.shape
+    return Sighting(frame.name, (width, height), target.detector().detect(image))

@@ -1,0 +1,55 @@
+"""What a live calibrator is told at its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fisheye_ep_calib.live.session import Limits
+from fisheye_ep_calib.target import Target
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """One camera.
+
+    topic: of its images, without the transport's suffix. compressed: sensor_msgs/CompressedImage at topic/compressed.
+    camera_file: an existing camera to publish from the start, or None.
+    camera_info_topic, set_camera_info_service: where a camera driver has them.
+    """
+
+    name: str
+    topic: str
+    compressed: bool
+    target: Target
+    model: str
+    camera_file: Path | None
+    camera_info_topic: str
+    set_camera_info_service: str
+
+    @property
+    def image_topic(self) -> str:
+        """The topic that carries the images."""
+        return f"{self.topic}/compressed" if self.compressed else self.topic
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The whole calibrator. workers: processes that detect and calibrate."""
+
+    cameras: tuple[CameraSettings, ...]
+    output_directory: Path
+    resume: bool
+    workers: int
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What may change while the calibrator runs.
+
+    auto_calibrate: calibrate without being asked, from minimum_views on. limits: which views are kept.
+    """
+
+    auto_calibrate: bool = True
+    minimum_views: int = 10
+    limits: Limits = Limits()

@@ -1,0 +1,112 @@
+"""The accepted views of one camera, in memory and on disk: what was accepted survives the node's death."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.calibration.view_selection import ViewSignature, view_signature
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.storage.observation_file import load_observations, save_observations
+from fisheye_ep_calib.target import Target
+
+
+@dataclass(frozen=True)
+class View:
+    """One accepted view: which points (k,) of the target were seen at which pixels (k, 2)."""
+
+    name: str
+    point_index: np.ndarray
+    pixels: np.ndarray
+    signature: ViewSignature
+
+
+class ViewStore:
+    """Views of one target by one camera; every change is written to an observation file at once.
+
+    Not safe for several threads at a time; its owner locks.
+    """
+
+    def __init__(self, path: Path, target: Target) -> None:
+        self.path = path
+        self.target = target
+        self.views: tuple[View, ...] = ()
+        self.image_size: tuple[int, int] | None = None
+        self.unwritten = False
+
+    def resume(self) -> int:
+        """Take up the views of an earlier run, if there is one; their number. Raises InputError."""
+        if not self.path.exists():
+            return 0
+        observations = load_observations(self.path)
+        known = self.target.object_points
+        if observations.object_points.shape != known.shape or not np.allclose(
+            observations.object_points, known, atol=1e-9
+        ):
+            raise InputError(
+                f"{self.path} holds views of another target than {self.target.name}: "
+                "give another output directory, or set resume to false"
+            )
+        self.image_size = observations.image_size
+        self.views = tuple(self._views(observations))
+        return len(self.views)
+
+    def set_aside(self) -> Path | None:
+        """Start empty; an earlier run's file is renamed, not lost. Raises CalibrationError."""
+        self.views, self.image_size, self.unwritten = (), None, False
+        if not self.path.exists():
+            return None
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        aside = self.path.with_name(f"{self.path.stem}.{stamp}{self.path.suffix}")
+        count = 1
+        while aside.exists():
+            count += 1
+            aside = self.path.with_name(f"{self.path.stem}.{stamp}-{count}{self.path.suffix}")
+        try:
+            self.path.rename(aside)
+        except OSError as error:
+            raise CalibrationError(f"cannot rename {self.path}: {error.strerror}") from None
+        return aside
+
+    def add(self, view: View, image_size: tuple[int, int]) -> None:
+        """Keep a view and write the file. Raises CalibrationError where that fails; the view is kept anyway."""
+        self.views += (view,)
+        self.image_size = image_size
+        self.unwritten = True
+        self.write()
+
+    def write(self, again: bool = False) -> None:
+        """Write the views if they are not on disk yet, or ``again``. Raises CalibrationError."""
+        if not (self.unwritten or again):
+            return
+        observations = self.observations()
+        if observations is not None:
+            save_observations(self.path, observations)
+        self.unwritten = False
+
+    def observations(self) -> Observations | None:
+        """All views as observations; None while there are none."""
+        if not self.views or self.image_size is None:
+            return None
+        counts = [len(view.point_index) for view in self.views]
+        return Observations.create(
+            self.target.object_points,
+            np.repeat(np.arange(len(self.views)), counts),
+            np.concatenate([view.point_index for view in self.views]),
+            np.concatenate([view.pixels for view in self.views]),
+            self.image_size,
+            image_names=[view.name for view in self.views],
+            disc_radius=self.target.disc_radius,
+        )
+
+    def _views(self, observations: Observations):
+        for number, name in enumerate(observations.image_names):
+            rows = observations.image_index == number
+            points, pixels = observations.point_index[rows], observations.pixels[rows]
+            signature = view_signature(self.target.object_points[points], pixels, observations.image_size)
+            if signature is not None:
+                yield View(name, points, pixels, signature)

@@ -1,0 +1,39 @@
+"""The calibrator executable."""
+
+from __future__ import annotations
+
+import sys
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+
+from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.ros.calibrator_node import CalibratorNode
+
+# One thread for images, one for each service that waits for an answer, one for the rest.
+THREADS = 6
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the node until it is interrupted; 2 where it was given something that cannot be used."""
+    calibrator = None
+    try:
+        rclpy.init(args=arguments)
+        calibrator = CalibratorNode()
+        executor = MultiThreadedExecutor(THREADS)
+        executor.add_node(calibrator.node)
+        executor.spin()
+    except CalibrationError as error:
+        print(f"calibrator: {error}", file=sys.stderr)
+        return error.exit_code
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if calibrator is not None:
+            calibrator.close()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,119 @@
+"""The calibrator's parameters, and how they become its settings."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+
+from fisheye_ep_calib.calibration.view_selection import Novelty
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.live.session import Limits
+from fisheye_ep_calib.live.settings import CameraSettings, Settings, Tuning
+from fisheye_ep_calib.ros.parameter_table import Entry, ParameterTable
+from fisheye_ep_calib.target import Target, load_target
+
+MODELS = ("auto", "kannala", "gennery", "ep_odd", "ep_even")
+CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+NODE = (
+    Entry("cameras", ["camera"], "Names of the cameras; each has parameters of its own under its name."),
+    Entry("target", "", "Target file (YAML) that every camera sees unless it names its own."),
+    Entry("model", "auto", "Camera model to fit unless a camera names its own.", choices=MODELS),
+    Entry("output_directory", "calibration", "Folder for <camera>.yaml and <camera>.npz."),
+    Entry("resume", True, "Go on with the views of an earlier run; false sets them aside."),
+    Entry("workers", 2, "Processes that detect and calibrate, for all cameras together.", 1, 64),
+    Entry("auto_calibrate", True, "Calibrate without being asked, once there are views enough.", live=True),
+    Entry("minimum_views", 10, "Views from which on auto_calibrate calibrates.", 3, 10000, live=True),
+    Entry("maximum_views", 150, "No more views are kept than these.", 3, 10000, live=True),
+    Entry("novelty.position", 0.08, "New: the board moved this fraction of the image.", 0.0, 1.0, live=True),
+    Entry("novelty.size", 0.3, "New: its size changed by 2 to this power.", 0.0, 10.0, live=True),
+    Entry("novelty.tilt", 0.3, "New: its foreshortening changed by 2 to this power.", 0.0, 10.0, live=True),
+)
+CAMERA = (
+    Entry("topic", "", "Image topic, without the transport's suffix; default /<camera>/image_raw."),
+    Entry("transport", "raw", "sensor_msgs/Image or CompressedImage.", choices=("raw", "compressed")),
+    Entry("target", "", "Target file (YAML) of this camera."),
+    Entry("model", "", "Camera model to fit.", choices=("", *MODELS)),
+    Entry("camera_file", "", "An existing camera YAML, published until there is a better one."),
+    Entry("camera_info_topic", "", "Where to publish CameraInfo; default beside the image topic."),
+    Entry("set_camera_info", "", "The driver's service for ~/commit; default beside the image topic."),
+)
+
+
+def declare(table: ParameterTable) -> Settings:
+    """Declare every parameter and read the settings. Raises InputError in one line."""
+    table.declare(NODE)
+    names = _camera_names(table["cameras"])
+    for name in names:
+        table.declare(CAMERA, prefix=name)
+    return Settings(
+        cameras=tuple(_camera(table, name) for name in names),
+        output_directory=Path(table["output_directory"]).expanduser(),
+        resume=table["resume"],
+        workers=table["workers"],
+    )
+
+
+def tuning(table: ParameterTable) -> Tuning:
+    """What may change while the node runs."""
+    novelty = Novelty(table["novelty.position"], table["novelty.size"], table["novelty.tilt"])
+    limits = Limits(novelty, table["maximum_views"])
+    return Tuning(table["auto_calibrate"], table["minimum_views"], limits)
+
+
+def _camera_names(names: list[str]) -> list[str]:
+    if not names:
+        raise InputError("parameter cameras: name at least one camera")
+    reserved = {entry.name.partition(".")[0] for entry in NODE}
+    for name in names:
+        if not CAMERA_NAME.fullmatch(name):
+            raise InputError(f"parameter cameras: {name!r} must be letters, digits and _, a letter first")
+        if name in reserved:
+            raise InputError(f"parameter cameras: {name!r} is the name of a parameter; call the camera otherwise")
+    if len({name.lower() for name in names}) < len(names):
+        raise InputError("parameter cameras: two cameras have the same name")
+    return names
+
+
+def _camera(table: ParameterTable, name: str) -> CameraSettings:
+    topic = table[f"{name}.topic"] or f"/{name}/image_raw"
+    compressed = table[f"{name}.transport"] == "compressed" or topic.endswith("/compressed")
+    topic = topic.removesuffix("/compressed").rstrip("/")
+    if not topic:
+        raise InputError(f"parameter {name}.topic: {table[f'{name}.topic']!r} is no image topic")
+    beside = topic[: topic.rfind("/") + 1]
+    camera_file = table[f"{name}.camera_file"]
+    return CameraSettings(
+        name=name,
+        topic=topic,
+        compressed=compressed,
+        target=_target(table, name),
+        model=table[f"{name}.model"] or table["model"],
+        camera_file=Path(camera_file).expanduser() if camera_file else None,
+        camera_info_topic=table[f"{name}.camera_info_topic"] or beside + "camera_info",
+        set_camera_info_service=table[f"{name}.set_camera_info"] or beside + "set_camera_info",
+    )
+
+
+def _target(table: ParameterTable, camera: str) -> Target:
+    """A camera's target; a bare file name is also looked for among the targets that come with the package."""
+    key = f"{camera}.target" if table[f"{camera}.target"] else "target"
+    if not table[key]:
+        raise InputError(f"parameter {camera}.target: say which target file (YAML) the camera sees")
+    path = Path(table[key]).expanduser()
+    if not path.exists() and len(path.parts) == 1:
+        path = _shipped_target(path.name) or path
+    try:
+        return load_target(path)
+    except InputError as error:
+        raise InputError(f"parameter {key}: {error}") from None
+
+
+def _shipped_target(name: str) -> Path | None:
+    try:
+        path = Path(get_package_share_directory("fisheye_ep_calib")) / "config" / "targets" / name
+    except PackageNotFoundError:
+        return None
+    return path if path.is_file() else None

@@ -1,0 +1,81 @@
+"""Real processes over real DDS: a domain of its own for each test, and everything ended afterwards."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install '.[ros]'")
+from live_processes import Probe, Program  # noqa: E402
+
+PUBLISHER = Path(__file__).with_name("image_publisher.py")
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+    """A domain id that other tests, runs and robots are unlikely to use, set in the environment."""
+    number = 20 + (os.getpid() * 31 + time.monotonic_ns()) % 80
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.environ.get("AMENT_PREFIX_PATH", sys.prefix))
+    return number
+
+
+@pytest.fixture
+def probe(domain: int) -> Iterator[Probe]:
+    probe = Probe(domain)
+    yield probe
+    probe.close()
+
+
+@pytest.fixture
+def start(domain: int) -> Iterator[Callable[..., Program]]:
+    """Starts programs and ends them after the test."""
+    programs: list[Program] = []
+
+    def begin(*command: str, **environment: str) -> Program:
+        programs.append(Program([str(part) for part in command], **environment))
+        return programs[-1]
+
+    yield begin
+    for program in programs:
+        program.end()
+
+
+@pytest.fixture
+def start_calibrator(start: Callable[..., Program]) -> Callable[..., Program]:
+    """Starts the node with parameters given as ``name: value``."""
+
+    def begin(*arguments: str, **parameters: Any) -> Program:
+        command = [sys.executable, "-m", "fisheye_ep_calib.ros.calibrator", "--ros-args", *arguments]
+        for name, value in parameters.items():
+            command += ["-p", f"{name.replace('__', '.')}:={value}"]
+        return start(*command)
+
+    return begin
+
+
+@pytest.fixture
+def start_publisher(start: Callable[..., Program]) -> Callable[..., Program]:
+    return lambda *arguments: start(sys.executable, str(PUBLISHER), *[str(value) for value in arguments])
+
+
+@pytest.fixture(scope="session")
+def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """12 images (2048²) of the paper's target through the paper's camera, as an .npz with the key ``images``."""
+    from fisheye_ep_calib.simulation.poses import paper_poses
+    from fisheye_ep_calib.simulation.rendering import render
+    from fisheye_ep_calib.simulation.scenes import paper_camera, paper_target
+
+    camera, target = paper_camera(), paper_target()
+    poses = paper_poses(target)[:12]
+    path = tmp_path_factory.mktemp("rendered") / "images.npz"
+    np.savez(path, images=np.stack([render(camera, target, pose) for pose in poses]))
+    return path

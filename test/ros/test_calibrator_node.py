@@ -1,0 +1,103 @@
+"""The live node among real processes: a camera driver, the calibrator, and someone who wants CameraInfo."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+import yaml
+from live_processes import wait_for
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+pytestmark = pytest.mark.live
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
+LATCHED = QoSProfile(
+    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def test_images_in_camera_info_and_files_out(
+    start_calibrator, start_publisher, probe, rendered, tmp_path
+) -> None:
+    calibrator = start_calibrator(
+        cameras="[front]", target=TARGET, output_directory=tmp_path, auto_calibrate="false", model="ep_odd"
+    )
+    start_publisher(rendered, 10, "/front/image_raw")
+    calibrator.wait_to_say("view 8 kept")
+    images = probe.collect(Image, "/front/image_raw", RELIABLE, limit=100)
+    infos = probe.collect(CameraInfo, "/front/camera_info", LATCHED)
+    assert infos == []
+
+    answer = probe.call(Trigger, "/calibrator/calibrate")
+    assert answer.success, answer.message
+    assert "front: ep_odd, RMS" in answer.message and "views" in answer.message
+
+    wait_for(lambda: len(infos) > 10 and len(images) > 10, "CameraInfo beside images")
+    stamps = {(image.header.stamp.sec, image.header.stamp.nanosec) for image in images}
+    matched = [info for info in infos if (info.header.stamp.sec, info.header.stamp.nanosec) in stamps]
+    assert len(matched) >= 5
+    info = matched[-1]
+    assert info.header.frame_id == "camera_0"
+    assert (info.width, info.height, info.distortion_model, len(info.d)) == (2048, 2048, "equidistant", 4)
+    assert 500 < info.k[0] < 700 and info.k[1] == 0
+
+    latched = probe.collect(String, "/calibrator/front/calibration", LATCHED)
+    wait_for(lambda: latched, "the latched YAML")
+    written = (tmp_path / "front.yaml").read_text()
+    assert latched[-1].data == written
+    content = yaml.safe_load(written)
+    assert content["camera_name"] == "front" and content["image_width"] == 2048
+
+    assert "set aside" in probe.call(Trigger, "/calibrator/reset").message
+    code, seconds = calibrator.interrupt()
+    assert code == 0 and seconds < 2.0
+    assert "Traceback" not in calibrator.output
+
+
+def test_a_calibration_without_views_says_so(start_calibrator, probe, tmp_path) -> None:
+    calibrator = start_calibrator(cameras="[front, rear]", target=TARGET, output_directory=tmp_path)
+    answer = probe.call(Trigger, "/calibrator/calibrate")
+    assert not answer.success
+    assert "front: no view" in answer.message and "rear: no view" in answer.message
+    code, seconds = calibrator.interrupt(signal.SIGTERM)
+    assert code == 0 and seconds < 2.0
+    assert "Traceback" not in calibrator.output
+
+
+@pytest.mark.parametrize(
+    ("parameters", "complaint"),
+    [
+        ({"cameras": "[front]"}, "front.target"),
+        ({"cameras": "[front]", "target": "/nowhere.yaml"}, "/nowhere.yaml"),
+        ({"cameras": "['../x']", "target": TARGET}, "'../x'"),
+        ({"cameras": "[front]", "target": TARGET, "workers": "1000"}, "workers"),
+        ({"cameras": "[front]", "target": TARGET, "model": "pinhole"}, "kannala"),
+        ({"cameras": "[front]", "target": TARGET, "novelty__size": "-1.0"}, "Max: 10.0"),
+        ({"cameras": "[front]", "target": TARGET, "front__transport": "theora"}, "raw, compressed"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_parameters_that_cannot_be_used_are_refused_in_one_line(
+    start_calibrator, parameters, complaint
+) -> None:
+    calibrator = start_calibrator(**parameters)
+    assert calibrator.process.wait(60) == 2
+    calibrator.end()
+    (line,) = calibrator.lines
+    assert line.startswith("calibrator: ") and complaint in line
+
+
+def test_integers_are_accepted_for_doubles_and_misspelt_names_are_told(start_calibrator, tmp_path) -> None:
+    calibrator = start_calibrator(
+        cameras="[front]", target=TARGET, output_directory=tmp_path, novelty__size="1", front__topik="/x"
+    )
+    calibrator.wait_to_say("front.topik is not known")
+    calibrator.wait_to_say("nobody publishes /front/image_raw")
+    assert calibrator.interrupt()[0] == 0

@@ -1,0 +1,122 @@
+"""Real processes for tests: programs that are started and watched, and a ROS node of the test itself."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+
+PATIENCE = 120.0  # seconds; only a failing test on a slow machine waits that long
+
+
+def wait_for(condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+    """The condition's first true value."""
+    give_up = time.monotonic() + patience
+    while time.monotonic() < give_up:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.02)
+    raise AssertionError(f"waited {patience:.0f} s in vain for {what}")
+
+
+class Program:
+    """A process whose output is collected."""
+
+    def __init__(self, command: list[str], **environment: str) -> None:
+        self.lines: list[str] = []
+        self.process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, **environment},
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    @property
+    def output(self) -> str:
+        return "".join(self.lines)
+
+    def said(self, text: str) -> bool:
+        return text in self.output
+
+    def wait_to_say(self, text: str) -> None:
+        try:
+            wait_for(lambda: self.said(text) or self.process.poll() is not None, repr(text))
+        except AssertionError as error:
+            raise AssertionError(f"{error}\n{self.output}") from None
+        assert self.said(text), f"ended without saying {text!r}:\n{self.output}"
+
+    def interrupt(self, number: int = signal.SIGINT) -> tuple[int, float]:
+        """Send a signal; exit code and seconds until the end."""
+        began = time.monotonic()
+        self.process.send_signal(number)
+        code = self.process.wait(PATIENCE)
+        self._reader.join(5)
+        return code, time.monotonic() - began
+
+    def end(self) -> None:
+        """Kill it if it still runs; pytest shows its output beside a failed test."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self._reader.join(5)
+        print(self.output)
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        with self.process.stdout as stream:
+            for line in stream:
+                self.lines.append(line)
+
+
+class Probe:
+    """A ROS node of the test itself, in the domain under test."""
+
+    def __init__(self, domain: int) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, domain_id=domain)
+        self.node = rclpy.create_node("probe", context=self._context)
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        with contextlib.suppress(rclpy.executors.ExternalShutdownException):
+            self._executor.spin()
+
+    def collect(self, kind: Any, topic: str, quality: Any, limit: int = 2**31) -> list[Any]:
+        """A list that fills with the topic's messages, the newest last."""
+        received: list[Any] = []
+
+        def receive(message: Any) -> None:
+            received.append(message)
+            del received[:-limit]
+
+        self.node.create_subscription(kind, topic, receive, quality)
+        return received
+
+    def call(self, kind: Any, service: str, request: Any = None) -> Any:
+        client = self.node.create_client(kind, service)
+        wait_for(client.service_is_ready, f"service {service}")
+        future = client.call_async(request or kind.Request())
+        wait_for(future.done, f"an answer of {service}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self._context.try_shutdown()
+        self._thread.join(5)
+        self.node.destroy_node()
