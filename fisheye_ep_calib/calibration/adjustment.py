@@ -125,7 +125,7 @@ def residuals(problem: AdjustmentProblem, state: AdjustmentState, count: int):
     return result, theta, valid
 
 
-def _stepped(problem: AdjustmentProblem, state: AdjustmentState, step) -> AdjustmentState | None:
+def stepped(problem: AdjustmentProblem, state: AdjustmentState, step) -> AdjustmentState | None:
     """The state after a step, or None where it is no camera."""
     parameters = state.camera.parameters.copy()
     free_count = int(problem.free.sum())
@@ -161,7 +161,7 @@ def adjust(
             continue
         floor = tolerance * max(equations.cost, 1e-14)
         small = 0 <= step.predicted_decrease <= floor
-        trial = _stepped(problem, state, step)
+        trial = stepped(problem, state, step)
         trial_equations = evaluate(problem, trial) if trial is not None else None
         decrease = equations.cost - trial_equations.cost if trial_equations is not None else -np.inf
         accepted = trial_equations is not None and trial_equations.valid and decrease > 0

@@ -22,7 +22,7 @@ from fisheye_ep_calib.calibration.board_warp import WARP_NAMES, board_frame
 from fisheye_ep_calib.calibration.initialization import initial_guess
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.prediction import FeatureModel
-from fisheye_ep_calib.calibration.robust import LINEAR, Loss
+from fisheye_ep_calib.calibration.robust import LINEAR, Loss, robust_spread
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.calibration.views import ViewBlock, view_blocks
 from fisheye_ep_calib.errors import CalibrationError
@@ -68,6 +68,16 @@ class Fit:
     def degrees_of_freedom(self) -> int:
         return 2 * self.sightings.point_count - 6 * len(self.sightings.images) - self.problem.shared_size
 
+    @property
+    def shared_parameters(self) -> tuple[tuple[str, ...], np.ndarray]:
+        """Names and values (S,) of the estimated camera parameters and, where estimated, the board warp."""
+        camera = self.state.camera
+        names = [name for name, free in zip(camera.parameter_names, self.problem.free, strict=True) if free]
+        values = camera.parameters[self.problem.free]
+        if not self.problem.warp_free:
+            return tuple(names), values
+        return (*names, *WARP_NAMES), np.concatenate([values, self.state.board_warp])
+
     @cached_property
     def residuals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted minus measured pixels (M, 2), incidence angles (M,) rad, validity (M,), by observation row."""
@@ -76,48 +86,68 @@ class Fit:
 
 def prepare(observations: Observations, disc_centers: str = "unbiased") -> Sightings:
     """Leave out images with too few sightings. Raises CalibrationError where too few images remain."""
-    used = observations.image_index[observations.weights > 0]
-    images, counts = np.unique(used, return_counts=True)
-    images = images[counts >= MIN_POINTS]
+    images = _images_with_points(observations)
     if len(images) < MIN_VIEWS:
         raise CalibrationError(
-            f"{len(images)} views have at least {MIN_POINTS} points; "
-            f"at least {MIN_VIEWS} are needed, and 20 or more for a good calibration: record more views"
+            f"{_count(len(images), 'view has', 'views have')} at least {MIN_POINTS} points; at least {MIN_VIEWS} "
+            "are needed, and 20 or more for a good calibration: record more views"
         )
-    kept = observations.select_images(images)
     radius = observations.disc_radius if disc_centers == "unbiased" else None
     features = FeatureModel(board_frame(observations.object_points), radius)
-    return Sightings(kept, images, view_blocks(kept, images), features)
+    return Sightings(observations, images, view_blocks(observations, images), features)
 
 
 def with_weights(sightings: Sightings, weights: np.ndarray) -> Sightings:
     """The same sightings under other weights (M,); views that lose too many points are left out."""
-    kept = replace(sightings.observations, weights=weights)
-    images, counts = np.unique(kept.image_index[weights > 0], return_counts=True)
-    images = images[counts >= MIN_POINTS]
+    observations = replace(sightings.observations, weights=weights)
+    images = _images_with_points(observations)
     if len(images) < MIN_VIEWS:
         raise CalibrationError(
-            "fewer than three views remain once wrong points are left out; "
+            f"only {_count(len(images), 'view remains', 'views remain')} once wrong points are left out; "
             "check that the target file describes the board in the images"
         )
-    kept = kept.select_images(images)
-    return Sightings(kept, images, view_blocks(kept, images), sightings.features)
+    return Sightings(observations, images, view_blocks(observations, images), sightings.features)
 
 
-def first_fit(sightings: Sightings, lens: str = "kannala_brandt", loss: Loss = LINEAR) -> Fit:
-    """Steps (i) and (ii): a rough plain camera and poses with nothing known beforehand."""
+def of_images(sightings: Sightings, images: np.ndarray) -> Sightings:
+    """Some of the images alone; observation rows keep their places."""
+    return replace(sightings, images=images, blocks=view_blocks(sightings.observations, images))
+
+
+def _images_with_points(observations: Observations) -> np.ndarray:
+    images, counts = np.unique(observations.image_index[observations.weights > 0], return_counts=True)
+    return images[counts >= MIN_POINTS]
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
+
+
+def first_fit(sightings: Sightings, lens: str = "kannala_brandt", robust: bool = False) -> Fit:
+    """Steps (i) and (ii): a rough plain camera and poses with nothing known beforehand.
+
+    robust: under a Cauchy loss whose scale follows the median residual, for sightings with gross errors.
+    """
     observations = sightings.observations
     guess = initial_guess(
-        sightings.blocks, sightings.features.board, observations.image_size, len(sightings.images)
+        sightings.blocks, sightings.features.board, observations.image_size, len(sightings.images), robust
     )
     structure = Structure("kannala", lens=lens, skew=False)
-    focal = guess.focal_length
-    camera = structure.camera(observations.image_size, focal, guess.centre)
+    camera = structure.camera(observations.image_size, guess.focal_length, guess.centre)
     state = AdjustmentState(camera, guess.camera_from_target)
-    # Centres of discs, naive here, serve well enough for a start.
+    # Naive centres of discs serve well enough for a start.
     features = replace(sightings.features, disc_radius=None)
-    problem = AdjustmentProblem(sightings.blocks, features, structure.free(camera), loss=loss)
-    adjustment = adjust(problem, state, max_iterations=30, tolerance=_ROUGH)
+    problem = AdjustmentProblem(sightings.blocks, features, structure.free(camera))
+    rounds = 3 if robust else 1
+    adjustment = None
+    for _ in range(rounds):
+        if robust:
+            error, _, _ = residuals(problem, state, len(observations.pixels))
+            used = (observations.weights > 0) & np.isfinite(error[:, 0])
+            spread = robust_spread(np.hypot(error[used, 0], error[used, 1]))
+            problem = replace(problem, loss=Loss("cauchy", max(2 * spread, 1e-6)))
+        adjustment = adjust(problem, state, max_iterations=30, tolerance=_ROUGH)
+        state = adjustment.state
     return Fit(structure, sightings, problem, adjustment)
 
 

@@ -29,8 +29,13 @@ class InitialGuess:
     camera_from_target: np.ndarray
 
 
-def initial_guess(blocks: tuple[ViewBlock, ...], board: BoardFrame, image_size, views: int) -> InitialGuess:
-    """Choose the focal length and the poses of all V views from the image centre outwards."""
+def initial_guess(
+    blocks: tuple[ViewBlock, ...], board: BoardFrame, image_size, views: int, robust: bool = False
+) -> InitialGuess:
+    """Choose the focal length and the poses of all V views from the image centre outwards.
+
+    robust: for sightings with gross errors, at some cost in time.
+    """
     centre = 0.5 * (np.array(image_size, dtype=float) - 1)
     largest = max(_radius(block, centre)[block.weights > 0].max() for block in blocks)
     focal_lengths = largest / _THETA_GRID
@@ -46,6 +51,7 @@ def initial_guess(blocks: tuple[ViewBlock, ...], board: BoardFrame, image_size, 
         centre,
         np.repeat(focal_lengths, len(used))[:, None],
         solutions=2,
+        robust=robust,
     )
     medians = np.median(error.reshape(copies, *used.shape)[:, used], axis=-1)
     focal = float(focal_lengths[np.argmin(medians)])
@@ -53,7 +59,7 @@ def initial_guess(blocks: tuple[ViewBlock, ...], board: BoardFrame, image_size, 
     for block in blocks:
         rays = equidistant_rays(block.pixels, centre, focal)
         poses[block.views], _ = _poses_and_errors(
-            rays, block.pixels, block.object_points, block.weights > 0, board, centre, focal, solutions=4
+            rays, block.pixels, block.object_points, block.weights > 0, board, centre, focal, 4, robust
         )
     return InitialGuess(focal, centre, poses)
 
@@ -85,9 +91,9 @@ def equidistant_rays(pixels: np.ndarray, centre: np.ndarray, focal: float) -> np
     return np.stack([x * scale, y * scale, np.cos(theta)])
 
 
-def _poses_and_errors(rays, pixels, object_points, used, board, centre, focal, solutions):
+def _poses_and_errors(rays, pixels, object_points, used, board, centre, focal, solutions, robust):
     """Poses (B, 4, 4) and the errors (B, N), px, of their sightings through r = focal · θ."""
-    poses = poses_from_rays(rays, object_points, used, board, solutions)
+    poses = poses_from_rays(rays, object_points, used, board, solutions, robust)
     points = np.einsum("bij,jbn->ibn", poses[:, :3, :3], object_points)
     points += np.moveaxis(poses[:, :3, 3], -1, 0)[..., None]
     rho = np.hypot(points[0], points[1])

@@ -73,7 +73,8 @@ def _reduce(pose, mixed, shared, pose_gradient, shared_gradient):
     right = np.concatenate([mixed, pose_gradient[..., None]], axis=-1)
     solved = np.linalg.solve(pose, right)
     size = shared.shape[0]
-    folded = mixed.reshape(-1, size).T @ solved.reshape(-1, size + 1)
+    rows = 6 * len(pose)
+    folded = mixed.reshape(rows, size).T @ solved.reshape(rows, size + 1)
     return shared - folded[:, :size], shared_gradient - folded[:, size], solved
 
 
@@ -121,3 +122,16 @@ def reduced_information(equations: NormalEquations) -> np.ndarray:
         equations.shared_gradient,
     )
     return 0.5 * (reduced + reduced.T)
+
+
+def view_robust_covariance(equations: NormalEquations) -> np.ndarray:
+    """Covariance (S, S) of the shared parameters with residuals of one view free to correlate.
+
+    The sandwich I⁻¹ (V/(V − 1) Σ_j s_j s_jᵀ) I⁻¹ over the views' scores s_j = g_sj − B_jᵀ A_j⁻¹ g_j.
+    """
+    solved = np.linalg.solve(equations.pose, equations.pose_gradient[..., None])
+    scores = equations.by_view[:, 6:-1, -1] - (np.swapaxes(equations.mixed, 1, 2) @ solved)[..., 0]
+    views = len(scores)
+    information = reduced_information(equations)
+    half = solve_scaled(information, scores.T)
+    return half @ half.T * (views / max(views - 1, 1))

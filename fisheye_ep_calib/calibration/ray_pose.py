@@ -11,18 +11,22 @@ import numpy as np
 from fisheye_ep_calib.calibration.board_warp import BoardFrame
 from fisheye_ep_calib.calibration.rotation import nearest_rotation
 
+_SAMPLES = 32  # a tenth of wrong sightings leaves no clean sample once in 1e10
+_SAMPLE_SIZE = {3: 6, 4: 8}  # sightings a sample, by the number of homogeneous coordinates
+
 
 
 def poses_from_rays(
-    rays: np.ndarray, object_points: np.ndarray, used: np.ndarray, board: BoardFrame, solutions: int = 4
+    rays: np.ndarray, object_points: np.ndarray, used: np.ndarray, board: BoardFrame, solutions: int = 4, robust: bool = False
 ) -> np.ndarray:
     """Poses camera_from_target (B, 4, 4).
 
     rays (3, B, N): unit, camera frame. object_points (3, B, N): metres, target frame. used (B, N): bool.
     solutions: how often to solve; each time sightings far off the last solution weigh less.
+    robust: start from the best of many small samples (Fischler and Bolles' consensus) instead of all sightings.
     """
     if board.planar:
-        return _planar_poses(rays, object_points, used, board.axes, board.middle, solutions)
+        return _planar_poses(rays, object_points, used, board.axes, board.middle, solutions, robust)
     poses = np.tile(np.eye(4), (used.shape[0], 1, 1))
     for view in range(used.shape[0]):
         points = object_points[:, view][:, used[view]].T
@@ -33,7 +37,7 @@ def poses_from_rays(
         flat = extent[2] < 1e-3 * extent[0]
         solve = _planar_poses if flat else _spatial_poses
         poses[view] = solve(
-            rays[selected], object_points[selected], used[view : view + 1], rows.T, middle, solutions
+            rays[selected], object_points[selected], used[view : view + 1], rows.T, middle, solutions, robust
         )[0]
     return poses
 
@@ -49,47 +53,91 @@ def _normalised(object_points, used, axes, middle):
     return local / scale[:, None], offset, scale
 
 
-def _smallest_solution(rays, homogeneous, used, solutions):
+def _smallest_solution(rays, homogeneous, used, solutions, robust):
     """Matrices M (B, 3, D) minimising Σ w |(I − b bᵀ) M X|² over unit M, X = homogeneous (D, B, N)."""
-    size = len(homogeneous)
-    views = used.shape[0]
-    weights = used.astype(float)
-    pairs = [(i, j) for i in range(size) for j in range(i, size)]
-    outer = np.stack([homogeneous[i] * homogeneous[j] for i, j in pairs], axis=1)
-    projector = np.stack(
-        [(i == j) - rays[i] * rays[j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=1
-    )
-    index = np.zeros((size, size), dtype=int)
-    for position, (i, j) in enumerate(pairs):
-        index[i, j] = index[j, i] = position
-    ray_index = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-    outer_rows = outer.reshape(views, len(pairs), -1)
-    solution = None
-    for _ in range(solutions):
-        products = (projector * weights[:, None]) @ np.swapaxes(outer_rows, 1, 2)
-        quadratic = products[:, ray_index[:, None, :, None], index[None, :, None, :]]
-        quadratic = quadratic.reshape(views, 3 * size, 3 * size)
-        _, vectors = np.linalg.eigh(quadratic)
-        solution = vectors[:, :, 0].reshape(views, 3, size)
-        mapped = np.einsum("bij,jbn->ibn", solution, homogeneous)
-        along = (mapped * rays).sum(axis=0)
-        side = np.sign((np.sign(along) * used).sum(axis=-1))
-        side = np.where(side == 0, 1.0, side)
-        solution = solution * side[:, None, None]
-        length = np.sqrt((mapped**2).sum(axis=0))
-        sine = np.sqrt(np.maximum(1 - (along / np.maximum(length, 1e-300)) ** 2, 0.0))
-        sine = np.where(along * side[:, None] > 0, sine, 1.0)
-        middle = np.maximum(used.sum(axis=-1) - 1, 0) // 2
-        median = np.sort(np.where(used, sine, np.inf), axis=-1)[np.arange(views), middle]
-        ratio = sine / np.maximum(3 * median, 1e-9)[:, None]
-        weights = used / (1 + ratio**2) / np.maximum(length, 1e-12) ** 2
+    weights = _consensus_weights(rays, homogeneous, used) if robust else used.astype(float)
+    outer, projector = _products(homogeneous), _projectors(rays)
+    for repeat in range(solutions):
+        solution = _eigen_solution(outer, projector, weights, len(homogeneous))
+        solution, sine, length = _facing_forward(solution, rays, homogeneous, used)
+        if repeat + 1 < solutions:
+            ratio = sine / np.maximum(3 * _median(sine, used), 1e-9)[:, None]
+            weights = used / (1 + ratio**2) / np.maximum(length, 1e-12) ** 2
     return solution
 
 
-def _planar_poses(rays, object_points, used, axes, middle, solutions):
+def _products(homogeneous):
+    """The distinct entries of X Xᵀ, (B, D (D + 1) / 2, N)."""
+    size = len(homogeneous)
+    return np.stack(
+        [homogeneous[i] * homogeneous[j] for i in range(size) for j in range(i, size)], axis=1
+    )
+
+
+def _projectors(rays):
+    """The six distinct entries of I − b bᵀ, (B, 6, N)."""
+    return np.stack([(i == j) - rays[i] * rays[j] for i in range(3) for j in range(i, 3)], axis=1)
+
+
+def _symmetric_index(size: int) -> np.ndarray:
+    """(size, size): where an entry of a symmetric matrix stands among its distinct entries."""
+    index = np.zeros((size, size), dtype=int)
+    rows, columns = np.triu_indices(size)
+    index[rows, columns] = index[columns, rows] = np.arange(len(rows))
+    return index
+
+
+def _eigen_solution(outer, projector, weights, size):
+    """Smallest eigenvectors of Σ w (I − b bᵀ) ⊗ X Xᵀ as matrices (B, 3, D)."""
+    products = (projector * weights[:, None]) @ np.swapaxes(outer, 1, 2)
+    rays_index, points_index = _symmetric_index(3), _symmetric_index(size)
+    quadratic = products[:, rays_index[:, None, :, None], points_index[None, :, None, :]]
+    _, vectors = np.linalg.eigh(quadratic.reshape(-1, 3 * size, 3 * size))
+    return vectors[:, :, 0].reshape(-1, 3, size)
+
+
+def _facing_forward(solution, rays, homogeneous, used):
+    """The sign for which points lie along their rays; sines (B, N) of the angles left; |M X| (B, N)."""
+    mapped = np.einsum("bij,jbn->ibn", solution, homogeneous)
+    along = (mapped * rays).sum(axis=0)
+    side = np.where((np.sign(along) * used).sum(axis=-1) < 0, -1.0, 1.0)
+    length = np.sqrt((mapped**2).sum(axis=0))
+    sine = np.sqrt(np.maximum(1 - (along / np.maximum(length, 1e-300)) ** 2, 0.0))
+    sine = np.where(along * side[:, None] > 0, sine, 1.0)
+    return solution * side[:, None, None], sine, length
+
+
+def _median(values, used):
+    """Lower median (B,) of the used entries of values (B, N)."""
+    middle = np.maximum(used.sum(axis=-1) - 1, 0) // 2
+    return np.sort(np.where(used, values, np.inf), axis=-1)[np.arange(len(used)), middle]
+
+
+def _consensus_weights(rays, homogeneous, used):
+    """Weights (B, N) after the best of _SAMPLES solutions a view, each from _SAMPLE_SIZE random sightings."""
+    views, slots = used.shape
+    size = min(_SAMPLE_SIZE[len(homogeneous)], slots)
+    order = np.random.default_rng(0).random((views, _SAMPLES, slots)) + ~used[:, None]
+    columns = np.argsort(order, axis=-1)[..., :size].reshape(-1, size)
+    row = np.repeat(np.arange(views), _SAMPLES)[:, None]
+    solution = _eigen_solution(
+        _products(homogeneous[:, row, columns]),
+        _projectors(rays[:, row, columns]),
+        used[row, columns].astype(float),
+        len(homogeneous),
+    )
+    spread = (slice(None), row[:, 0])
+    _, sine, _ = _facing_forward(solution, rays[spread], homogeneous[spread], used[row[:, 0]])
+    median = _median(sine, used[row[:, 0]]).reshape(views, _SAMPLES)
+    best = np.argmin(median, axis=-1)
+    limit = np.maximum(4 * median[np.arange(views), best], 1e-9)
+    return (used & (sine.reshape(views, _SAMPLES, slots)[np.arange(views), best] <= limit[:, None])).astype(float)
+
+
+def _planar_poses(rays, object_points, used, axes, middle, solutions, robust):
     local, offset, scale = _normalised(object_points, used, axes, middle)
     homogeneous = np.stack([local[0], local[1], np.ones_like(local[0])])
-    homography = _smallest_solution(rays, homogeneous, used, solutions)
+    homography = _smallest_solution(rays, homogeneous, used, solutions, robust)
     first, second, third = (homography[..., i] for i in range(3))
     length = 0.5 * (np.linalg.norm(first, axis=-1) + np.linalg.norm(second, axis=-1))
     length = np.maximum(length, 1e-12)[:, None]
@@ -97,9 +145,9 @@ def _planar_poses(rays, object_points, used, axes, middle, solutions):
     return _pose(nearest_rotation(matrix), third / length * scale[:, None], axes, middle, offset)
 
 
-def _spatial_poses(rays, object_points, used, axes, middle, solutions):
+def _spatial_poses(rays, object_points, used, axes, middle, solutions, robust):
     local, offset, scale = _normalised(object_points, used, axes, middle)
-    solution = _smallest_solution(rays, np.concatenate([local, np.ones_like(local[:1])]), used, solutions)
+    solution = _smallest_solution(rays, np.concatenate([local, np.ones_like(local[:1])]), used, solutions, robust)
     length = np.cbrt(np.linalg.det(solution[..., :3]))[:, None]
     length = np.where(np.abs(length) < 1e-12, 1e-12, length)
     rotation = nearest_rotation(solution[..., :3] / length[..., None])

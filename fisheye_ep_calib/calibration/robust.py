@@ -32,6 +32,8 @@ class Loss:
 LINEAR = Loss()
 
 
-def robust_spread(lengths: np.ndarray) -> float:
-    """Standard deviation per axis, px, from the median of residual lengths: median = 1.17741 σ (Rayleigh)."""
-    return float(np.median(lengths) / 1.1774100225154747) if len(lengths) else 0.0
+def robust_spread(lengths: np.ndarray, quantile: float = 0.5) -> float:
+    """Standard deviation per axis, px, from a quantile q of residual lengths: σ √(−2 ln(1 − q)) (Rayleigh)."""
+    if len(lengths) == 0:
+        return 0.0
+    return float(np.quantile(lengths, quantile) / np.sqrt(-2 * np.log1p(-quantile)))

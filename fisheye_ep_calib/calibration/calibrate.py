@@ -1,0 +1,158 @@
+"""Calibrate one camera from its observations."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.fit import Fit, Sightings, prepare, refine
+from fisheye_ep_calib.calibration.model_selection import Candidate, Search, candidate, choose, supported
+from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.calibration.outliers import screen
+from fisheye_ep_calib.calibration.result import CalibrationResult, Comparison
+from fisheye_ep_calib.calibration.stand_in import single_viewpoint
+from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.calibration.uncertainty import uncertainty
+from fisheye_ep_calib.camera import LENS_EXTRAS
+from fisheye_ep_calib.errors import CalibrationError
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user may fix; None leaves it to ``auto``, or to the model's own default where a model is named.
+
+    terms: of E(θ). lens: key of LENSES. skew, tangential, tilt, board_warp: whether each is estimated.
+    disc_centers: "unbiased" predicts the centre of gravity of each projected disc, "naive" the image of its centre.
+    svp_distance: metres, for which the single-viewpoint stand-in is fitted.
+    """
+
+    terms: int | None = None
+    lens: str = "kannala_brandt"
+    skew: bool | None = None
+    tangential: bool | None = None
+    tilt: bool | None = None
+    board_warp: bool | None = None
+    disc_centers: str = "unbiased"
+    svp_distance: float = np.inf
+
+
+def calibrate(observations: Observations, model: str = AUTO, **options) -> CalibrationResult:
+    """Calibrate a camera. options: the fields of ``Options``. Raises CalibrationError, InputError.
+
+    A named model is fitted as it is, skew included, and compared with the single-viewpoint camera; "auto" fits all
+    models, decides skew, tangential terms and board warp, and takes what the data support.
+    """
+    settings = Options(**options)
+    base = _base_structure(settings, model)
+    started = time.perf_counter()
+    sightings = prepare(observations, settings.disc_centers)
+    _refuse_alike_views(sightings)
+    _refuse_warp_of_solid(sightings, base)
+    screening = screen(sightings, base)
+    initialized = time.perf_counter()
+    if model == AUTO:
+        planar = screening.start.sightings.features.board.planar
+        choice = choose(screening.start, base, _open_questions(settings, planar))
+        candidates, chosen, reasons = choice.candidates, choice.chosen, choice.reasons
+        fit = chosen.fit
+        adjusted = time.perf_counter()
+    else:
+        fit = refine(screening.start, base)
+        adjusted = time.perf_counter()
+        candidates, reasons = _side_by_side(fit), ()
+    _refuse_undetermined(fit)
+    central = candidates["kannala"]
+    richest = min(
+        (one for one in candidates.values() if one is not central),
+        key=lambda one: one.validation.rms_px,
+        default=None,
+    )
+    return CalibrationResult(
+        camera=replace(fit.state.camera, theta_max=_evidence(fit)),
+        fit=fit,
+        uncertainty=uncertainty(fit),
+        stand_in=single_viewpoint(replace(fit.state.camera, theta_max=_evidence(fit)), settings.svp_distance),
+        rejected=screening.rejected,
+        wrong_views=screening.wrong_views,
+        entrance_pupil_supported=richest is not None and supported(richest, central),
+        comparison={name: _comparison(one) for name, one in candidates.items()},
+        reasons=reasons,
+        seconds={"initialize": initialized - started, "adjust": adjusted - initialized},
+    )
+
+
+def _base_structure(settings: Options, model: str) -> Structure:
+    extras = tuple(name for name in LENS_EXTRAS if getattr(settings, name))
+    return Structure(
+        "ep_even" if model == AUTO else model,
+        settings.terms,
+        settings.lens,
+        settings.skew is not False,
+        extras,
+        bool(settings.board_warp),
+    )
+
+
+def _open_questions(settings: Options, planar: bool) -> Search:
+    return Search(
+        skew=settings.skew is None,
+        extras=("tangential",) if settings.tangential is None else (),
+        board_warp=settings.board_warp is None and planar,
+    )
+
+
+def _side_by_side(fit: Fit) -> dict[str, Candidate]:
+    """The named model beside the single-viewpoint camera, everything else alike."""
+    own = candidate(fit, fit.structure)
+    other = "ep_even" if fit.structure.model == "kannala" else "kannala"
+    beside = candidate(fit, replace(fit.structure, model=other, terms=None))
+    pair = {fit.structure.model: own, other: beside}
+    return {"kannala": pair["kannala"], **pair}
+
+
+def _comparison(one: Candidate) -> Comparison:
+    return Comparison(
+        one.structure.model, one.fit.rms_px, one.validation.rms_px, one.structure.parameter_count
+    )
+
+
+def _evidence(fit: Fit) -> float:
+    """The largest incidence angle of a sighting used, rad."""
+    _, theta, valid = fit.residuals
+    used = valid & (fit.sightings.observations.weights > 0)
+    return float(theta[used].max())
+
+
+def _refuse_warp_of_solid(sightings: Sightings, base: Structure) -> None:
+    if base.board_warp and not sightings.features.board.planar:
+        raise CalibrationError("a board warp needs a flat target; this one has depth: leave --board-warp away")
+
+
+def _refuse_alike_views(sightings: Sightings) -> None:
+    """Refuse a set in which every view shows the target at the same place."""
+    observations = sightings.observations
+    order = np.argsort(observations.point_index, kind="stable")
+    pixels = observations.pixels[order]
+    starts = np.flatnonzero(np.diff(observations.point_index[order], prepend=-1))
+    spread = float((np.maximum.reduceat(pixels, starts) - np.minimum.reduceat(pixels, starts)).max())
+    if spread < 0.01 * max(observations.image_size):
+        raise CalibrationError(
+            f"all {len(sightings.images)} views are alike (no point moves more than {spread:.1f} px): "
+            "move and tilt the target, near and far, and out to the edge of the image"
+        )
+
+
+def _refuse_undetermined(fit: Fit) -> None:
+    """Refuse a camera whose focal length the views leave open."""
+    names, values = fit.shared_parameters
+    covariance = uncertainty(fit).shared
+    sigma = np.sqrt(np.maximum(np.diag(covariance)[:1], 0))
+    if not np.isfinite(sigma).all() or sigma[0] > 0.2 * abs(values[0]):
+        raise CalibrationError(
+            "the views do not determine the focal length (its standard deviation is over a fifth of its value): "
+            "tilt the target differently between the views and show it near and far"
+        )

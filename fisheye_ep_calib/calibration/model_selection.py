@@ -1,0 +1,155 @@
+"""Which structure the data support: cross-validation decides, and the simpler one wins where the gain is in doubt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import f as f_distribution
+from scipy.stats import t as t_distribution
+
+from fisheye_ep_calib.calibration.cross_validation import CrossValidation, cross_validate
+from fisheye_ep_calib.calibration.fit import Fit, refine
+from fisheye_ep_calib.calibration.normal_equations import view_robust_covariance
+from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.camera import PUPIL_FAMILIES
+
+_SIGNIFICANCE = 0.001  # of the nested test
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A fitted and cross-validated structure."""
+
+    fit: Fit
+    validation: CrossValidation
+
+    @property
+    def structure(self) -> Structure:
+        return self.fit.structure
+
+    def clearly_better(self, other: Candidate) -> bool:
+        """Whether the gain over another, held out, exceeds its standard error."""
+        gain, error = self.validation.log_ratio(other.validation)
+        return -gain > error
+
+
+@dataclass(frozen=True)
+class Choice:
+    """candidates: one a model, all with the chosen extras; chosen: one of them. reasons: the steps in words."""
+
+    candidates: dict[str, Candidate]
+    chosen: Candidate
+    reasons: tuple[str, ...]
+
+
+def candidate(start: Fit, structure: Structure) -> Candidate:
+    """Fit and cross-validate a structure."""
+    fit = refine(start, structure)
+    return Candidate(fit, cross_validate(fit))
+
+
+def nested_test(rich: Fit, plain: Fit) -> float:
+    """p-value for "a richer fit's further parameters are zero": the larger of two tests.
+
+    The F test on the costs (Seber and Wild, Nonlinear Regression, 5.3) trusts that residuals are independent; those
+    of one view share its pose, its lighting and its blur, so a Wald test whose covariance is built from whole views
+    (the cluster-robust sandwich; Cameron and Miller, J. Human Resources 50, 2015) must agree.
+    """
+    extra = rich.structure.parameter_count - plain.structure.parameter_count
+    freedom = rich.degrees_of_freedom
+    rich_cost, plain_cost = rich.adjustment.equations.cost, plain.adjustment.equations.cost
+    if extra <= 0 or freedom <= 0:
+        return 1.0
+    statistic = max(plain_cost - rich_cost, 0.0) / extra / max(rich_cost / freedom, 1e-300)
+    independent = float(f_distribution.sf(statistic, extra, freedom))
+    return max(independent, _wald_test(rich, plain))
+
+
+def _wald_test(rich: Fit, plain: Fit) -> float:
+    names, values = rich.shared_parameters
+    known, _ = plain.shared_parameters
+    tested = [i for i, name in enumerate(names) if name not in known]
+    views = len(rich.sightings.images)
+    if views <= len(tested) + 1:
+        return 1.0
+    covariance = view_robust_covariance(rich.adjustment.equations)[np.ix_(tested, tested)]
+    statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
+    return float(f_distribution.sf(statistic, len(tested), views - len(tested)))
+
+
+def supported(rich: Candidate, plain: Candidate) -> bool:
+    """Whether the data support a richer structure: the nested test and cross-validation must agree.
+
+    Cross-validation agrees where the gain is beyond chance (Student's t at 97.5 %) or every fold gains: a gain that
+    sits in the close-ups of one fold has a large spread and is no less real.
+    """
+    ratio = rich.validation.fold_log_ratios(plain.validation)
+    gain, error = rich.validation.log_ratio(plain.validation)
+    certain = -gain > t_distribution.ppf(0.975, len(ratio) - 1) * error
+    return bool((certain or (ratio < 0).all()) and nested_test(rich.fit, plain.fit) < _SIGNIFICANCE)
+
+
+@dataclass(frozen=True)
+class Search:
+    """What ``auto`` may decide: skew, and which of the extras and the board warp it may add."""
+
+    skew: bool = True
+    extras: tuple[str, ...] = ("tangential",)
+    board_warp: bool = True
+
+
+def choose(start: Fit, base: Structure, search: Search, models: tuple[str, ...] = tuple(PUPIL_FAMILIES)) -> Choice:
+    """Choose among the models, deciding extras first: a board's bow would else pass for a pupil's shift.
+
+    base: what the user has fixed; search: what is open. The additions are tried one by one on the model that predicts
+    best, each kept where a nested test and cross-validation agree; then all models are compared with what was kept.
+    """
+    reasons = []
+    fitted = {model: candidate(start, replace(base, model=model)) for model in models}
+    best = min(fitted.values(), key=lambda one: one.validation.rms_px)
+    structure = best.structure
+    additions = [("board warp", {"board_warp": True})] if search.board_warp else []
+    additions += [(name, {"extras": (*structure.extras, name)}) for name in search.extras]
+    while additions:
+        tried = [(name, change, candidate(best.fit, replace(best.structure, **change))) for name, change in additions]
+        name, change, richer = min(tried, key=lambda one: one[2].validation.rms_px)
+        kept = supported(richer, best)
+        reasons.append(_reason(name, richer, best, kept))
+        if not kept:
+            break
+        best = richer
+        additions = [(other, changed) for other, changed in additions if other != name]
+    if search.skew and best.structure.skew:
+        without = candidate(best.fit, replace(best.structure, skew=False))
+        kept = supported(best, without)
+        reasons.append(_reason("skew", best, without, kept))
+        best = best if kept else without
+    if best.structure != structure:
+        fitted = {
+            model: best
+            if model == best.structure.model
+            else candidate(fitted[model].fit, replace(best.structure, model=model, terms=base.terms))
+            for model in models
+        }
+    return Choice(fitted, simplest_good(fitted), tuple(reasons))
+
+
+def simplest_good(candidates: dict[str, Candidate]) -> Candidate:
+    """The candidate with the fewest parameters that the best one does not clearly beat; ties by prediction."""
+    best = min(candidates.values(), key=lambda one: one.validation.rms_px)
+    good = [one for one in candidates.values() if one is best or not best.clearly_better(one)]
+    chosen = min(good, key=lambda one: (one.structure.parameter_count, one.validation.rms_px))
+    central = candidates.get("kannala")
+    if central is not None and chosen is not central and not supported(chosen, central):
+        return central
+    return chosen
+
+
+def _reason(name: str, richer: Candidate, plain: Candidate, kept: bool) -> str:
+    gain, error = richer.validation.log_ratio(plain.validation)
+    percent = 100 * (1 - np.exp(gain))
+    return (
+        f"{name} {'kept' if kept else 'left out'}: held-out error {percent:+.2f} % better ± {100 * error:.2f} %, "
+        f"nested test p = {nested_test(richer.fit, plain.fit):.2g}"
+    )

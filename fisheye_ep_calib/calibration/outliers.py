@@ -1,0 +1,126 @@
+"""Wrong sightings: found against the richest camera, so that what a poor model cannot explain is not thrown away.
+
+The rule: fit the richest structure under a Cauchy loss, take σ per axis from the upper quartile of the residuals
+(real ones have heavier tails than their median tells), and leave out what lies beyond 6 σ; then fit again without it, until the set stays the same. A view that loses more than
+half of its points is left out whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, refine, with_weights
+from fisheye_ep_calib.calibration.robust import Loss, robust_spread
+from fisheye_ep_calib.calibration.structure import Structure
+
+_LIMIT = 6.0  # σ per axis; a Gaussian residual exceeds it once in 65 million
+_QUANTILE = 0.75
+_WORST_SHARE = 0.5  # of a view's points: beyond it the whole view is wrong
+_SUSPICIOUS = 1.0  # px RMS; a worse fit may have been dragged off by errors that it no longer shows
+_ROUNDS = 8
+_LEAST_SIGMA = 1e-6  # px; below it residuals are rounding, not measurement
+
+
+@dataclass(frozen=True)
+class RejectedPoint:
+    """view: the image's number; point: row of object_points; residual (2,) px, predicted minus measured."""
+
+    view: int
+    point: int
+    residual: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What is left to fit and what was left out. wrong_views: image numbers rejected whole."""
+
+    start: Fit
+    rejected: tuple[RejectedPoint, ...]
+    wrong_views: tuple[int, ...]
+
+
+def _lengths(fit: Fit, weights: np.ndarray) -> np.ndarray:
+    """Residual lengths (M,), px, times weights (M,); infinite where no projection exists."""
+    error, _, valid = fit.residuals
+    length = np.hypot(error[:, 0], error[:, 1]) * weights
+    return np.where(valid, length, np.inf)
+
+
+def has_outliers(fit: Fit) -> bool:
+    """Whether any sighting lies beyond the limit of a fit under the plain loss."""
+    length = _lengths(fit, fit.sightings.observations.weights)[_used(fit)]
+    return bool(length.max() > _LIMIT * max(robust_spread(length, _QUANTILE), _LEAST_SIGMA))
+
+
+def richest_structure(structure: Structure, sightings: Sightings) -> Structure:
+    """The structure with everything in it that the data can carry: four pupil terms, decentering, board warp."""
+    rich = replace(
+        structure,
+        model="ep_even",
+        terms=4,
+        skew=True,
+        extras=tuple(dict.fromkeys((*structure.extras, "tangential"))),
+        board_warp=sightings.features.board.planar,
+    )
+    enough = 2 * sightings.point_count > 2 * (6 * len(sightings.images) + rich.parameter_count)
+    return rich if enough else structure
+
+
+def screen(sightings: Sightings, structure: Structure) -> Screening:
+    """Find a start and leave out wrong sightings."""
+    start = first_fit(sightings, structure.lens)
+    rich = richest_structure(structure, sightings)
+    fit = refine(start, rich)
+    if fit.adjustment.converged and fit.rms_px < _SUSPICIOUS and not has_outliers(fit):
+        return Screening(start, (), ())
+    return _screen_robustly(sightings, structure, rich)
+
+
+def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure) -> Screening:
+    observations = sightings.observations
+    start = first_fit(sightings, structure.lens, robust=True)
+    spread = robust_spread(_lengths(start, observations.weights)[_used(start)])
+    fit = refine(start, rich, loss=Loss("cauchy", max(2 * spread, _LEAST_SIGMA)))
+    keep = observations.weights > 0
+    rejected_residual = np.zeros((len(keep), 2))
+    wrong: set[int] = set()
+    for _ in range(_ROUNDS):
+        error = fit.residuals[0]
+        length = _lengths(fit, observations.weights)
+        known = np.isfinite(error[:, 0])
+        sigma = max(robust_spread(length[keep & known], _QUANTILE), _LEAST_SIGMA)
+        inside = (observations.weights > 0) & known & (length <= _LIMIT * sigma)
+        wrong |= _wrong_views(observations, inside, fit.sightings.images)
+        inside &= ~np.isin(observations.image_index, list(wrong))
+        newly = keep & ~inside & known
+        rejected_residual[newly] = error[newly]
+        if np.array_equal(inside, keep):
+            break
+        keep = inside
+        fit = refine(fit, rich, with_weights(sightings, np.where(keep, observations.weights, 0.0)))
+    kept = fit.sightings
+    rejected = tuple(
+        RejectedPoint(
+            int(observations.image_index[row]),
+            int(observations.point_index[row]),
+            (float(rejected_residual[row, 0]), float(rejected_residual[row, 1])),
+        )
+        for row in np.flatnonzero((observations.weights > 0) & ~keep)
+    )
+    plain = refine(fit, Structure("kannala", lens=structure.lens), kept)
+    return Screening(plain, rejected, tuple(sorted(wrong)))
+
+
+def _used(fit: Fit) -> np.ndarray:
+    return (fit.sightings.observations.weights > 0) & np.isfinite(fit.residuals[0][:, 0])
+
+
+def _wrong_views(observations, inside: np.ndarray, images: np.ndarray) -> set[int]:
+    """Image numbers whose share of good sightings is too small."""
+    used = observations.weights > 0
+    size = int(observations.image_index.max()) + 1
+    seen = np.bincount(observations.image_index[used], minlength=size)
+    good = np.bincount(observations.image_index[inside], minlength=size)
+    return {int(image) for image in images if good[image] < _WORST_SHARE * seen[image]}

@@ -1,0 +1,124 @@
+"""What the calibration does not know: covariance of its parameters, bands for E(θ) and r(θ), projection error.
+
+Cov = σ² I⁻¹ with I the information on the shared parameters once every pose is free, and σ² the residuals' sum of
+squares over the degrees of freedom.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.adjustment import camera_bounds
+from fisheye_ep_calib.calibration.fit import Fit
+from fisheye_ep_calib.calibration.normal_equations import reduced_information, solve_scaled
+from fisheye_ep_calib.calibration.prediction import predict
+from fisheye_ep_calib.camera import FisheyeCamera
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """sigma_px: noise of one coordinate. covariance (P, P): of camera.parameters, zero where fixed.
+
+    shared (S, S): the same with the board warp, only what was estimated. gauge (6, S): the rigid motion of all
+    boards, (ω, t) rad and metres, that best makes up for a change of the shared parameters.
+    """
+
+    sigma_px: float
+    covariance: np.ndarray
+    shared: np.ndarray
+    gauge: np.ndarray
+
+
+def uncertainty(fit: Fit) -> Uncertainty:
+    """Of a converged fit."""
+    equations = fit.adjustment.equations
+    variance = 2 * equations.cost / max(fit.degrees_of_freedom, 1)
+    information = reduced_information(equations)
+    shared = variance * solve_scaled(information, np.eye(len(information)))
+    shared = 0.5 * (shared + shared.T)
+    free = np.flatnonzero(fit.problem.free)
+    covariance = np.zeros((len(fit.problem.free),) * 2)
+    covariance[np.ix_(free, free)] = shared[: len(free), : len(free)]
+    return Uncertainty(float(np.sqrt(variance)), covariance, shared, _gauge(fit))
+
+
+def _gauge(fit: Fit) -> np.ndarray:
+    """(6, S): minus the least-squares motion that a change of the shared parameters looks like in the images.
+
+    Every residual's derivative by a motion p → p + ω × p + t of the camera frame is ∂pixel/∂p [−[p]×, I].
+    """
+    motion, mixed = np.zeros((6, 6)), np.zeros((6, fit.problem.shared_size))
+    bounds = camera_bounds(fit.state.camera, fit.problem.theta_limit)
+    free = np.flatnonzero(fit.problem.free)
+    for block in fit.problem.blocks:
+        poses = fit.state.camera_from_target[block.views]
+        found = predict(
+            fit.state.camera,
+            fit.problem.features,
+            fit.state.board_warp,
+            poses,
+            block,
+            bounds,
+            jacobian=True,
+            warp_jacobian=fit.problem.warp_free,
+        )
+        # d_pose turns about the target's origin; turning about the camera's adds t × ∂pixel/∂p.
+        columns = found.d_pose * block.weights
+        offset, d_point = poses[:, :3, 3, None], columns[:, 3:]
+        turn = columns[:, :3].copy()
+        for axis in range(3):
+            after, last = (axis + 1) % 3, (axis + 2) % 3
+            turn[:, axis] += offset[:, after] * d_point[:, last] - offset[:, last] * d_point[:, after]
+        columns[:, :3] = turn
+        shared = [found.d_camera[:, free]] + ([found.d_warp] if fit.problem.warp_free else [])
+        shared_columns = np.concatenate(shared, axis=1) * block.weights
+        motion += np.einsum("caij,cbij->ab", columns, columns, optimize=True)
+        mixed += np.einsum("caij,cbij->ab", columns, shared_columns, optimize=True)
+    return -solve_scaled(motion, mixed)
+
+
+def pupil_sigma(camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Standard deviation of E(θ), metres, shape of θ (rad): √(bᵀ Cov_e b) with b the family's basis."""
+    part = camera.parameter_slice("coefficients")
+    basis = camera.pupil_family.basis(np.asarray(theta, dtype=float), len(camera.coefficients))
+    return _band(basis, covariance[part, part])
+
+
+def radius_sigma(camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Standard deviation of fx r(θ), px, shape of θ (rad)."""
+    theta = np.asarray(theta, dtype=float)
+    part = camera.parameter_slice("radial")
+    columns = np.arange(len(camera.parameters))[part]
+    rows = np.concatenate(
+        [camera.radius(theta)[None], camera.fx * camera.lens_model.radius_jacobian(theta, camera.radial_array)]
+    )
+    index = np.concatenate([[0], columns])
+    return _band(rows, covariance[np.ix_(index, index)])
+
+
+def _band(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """√(rowsᵀ Cov rows) for rows (n, *S)."""
+    return np.sqrt(np.maximum(np.einsum("i...,ij,j...->...", rows, covariance, rows), 0.0))
+
+
+def projection_uncertainty(
+    camera: FisheyeCamera, known: Uncertainty, free: np.ndarray, points: np.ndarray
+) -> np.ndarray:
+    """Standard deviation (...), px per axis, of the pixels of points (..., 3) in the camera frame, metres.
+
+    The boards that fixed the camera define the frame: a change of parameters that only moves all of them rigidly is
+    no error of the camera, so the gauge's motion is taken along (as in mrcal's projection uncertainty).
+    """
+    _, _, d_point, d_parameters = camera.project_with_jacobian(points)
+    x, y, z = (points[..., i] for i in range(3))
+    zero = np.zeros_like(x)
+    turn = np.stack(
+        [np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=-2
+    )
+    motion = np.concatenate([d_point @ turn, d_point], axis=-1)
+    columns = motion @ known.gauge
+    columns[..., : int(free.sum())] += d_parameters[..., free]
+    covariance = columns @ known.shared @ np.swapaxes(columns, -1, -2)
+    return np.sqrt(np.maximum(0.5 * np.trace(covariance, axis1=-2, axis2=-1), 0.0))
