@@ -1,0 +1,231 @@
+"""The camera file: one YAML with two readers.
+
+Its top level is what camera_info_manager reads; the block ``entrance_pupil`` carries the full camera, its covariance
+and what is known about the calibration. ``docs/model.md`` names every field.
+"""
+
+from __future__ import annotations
+
+import datetime
+from dataclasses import dataclass, field
+from importlib import metadata
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
+from fisheye_ep_calib.calibration.result import CalibrationResult
+from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.atomic import atomic_write
+from fisheye_ep_calib.storage.camera_info import plain_camera_info
+
+SCHEMA = 1
+_MOST_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """What a camera file says. covariance (P, P): of camera.parameters, zero where unknown or fixed.
+
+    stand_in: the camera of the top level. stand_in_distance: metres. stand_in_loss_px: by distance in metres.
+    board_warp (3,): metres. calibration: the other facts about how it was made.
+    """
+
+    name: str
+    camera: FisheyeCamera
+    stand_in: FisheyeCamera
+    covariance: np.ndarray
+    stand_in_distance: float = np.inf
+    stand_in_loss_px: dict[float, float] = field(default_factory=dict)
+    board_warp: np.ndarray = field(default_factory=lambda: np.zeros(len(WARP_NAMES)))
+    calibration: dict = field(default_factory=dict)
+
+
+def save_camera(path: str | PathLike, result: CalibrationResult, name: str, source: str = "") -> None:
+    """Write a calibrated camera's file whole or not at all."""
+    atomic_write(path, camera_yaml(result, name, source).encode())
+
+
+def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
+    """The camera file of a calibration as text. source: what it was calibrated from."""
+    camera, stand_in = result.camera, result.stand_in
+    content = _top_level(stand_in.camera, name)
+    content["entrance_pupil"] = {
+        "schema": SCHEMA,
+        "model": camera.model,
+        "lens": camera.lens,
+        "intrinsics": {key: float(getattr(camera, key)) for key in ("fx", "fy", "skew", "cx", "cy")},
+        "radial": _floats(camera.radial),
+        **{
+            extra: _floats(camera.extras.get(extra, (0.0,) * len(family.coefficient_names)))
+            for extra, family in LENS_EXTRAS.items()
+        },
+        "coefficients": _floats(camera.coefficients),
+        "theta_max": float(camera.theta_max),
+        "parameters": list(camera.parameter_names),
+        "covariance": [_floats(row) for row in result.uncertainty.covariance],
+        "svp": {
+            "distance": float(stand_in.distance),
+            "loss_px": {float(key): round(value, 6) for key, value in stand_in.loss_px.items()},
+        },
+        "calibration": {
+            "rms_px": float(result.rms_px),
+            "noise_px": float(result.uncertainty.sigma_px),
+            "views": result.views,
+            "points": result.points,
+            "rejected_points": len(result.rejected),
+            "entrance_pupil_supported": result.entrance_pupil_supported,
+            "converged": result.converged,
+            "board_warp": _floats(result.board_warp),
+            "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+            "source": str(source),
+            "software": f"fisheye_ep_calib {_version()}",
+        },
+    }
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1 << 16)
+
+
+def _top_level(stand_in: FisheyeCamera, name: str) -> dict:
+    info = plain_camera_info(stand_in)
+    return {
+        "image_width": int(info.width),
+        "image_height": int(info.height),
+        "camera_name": str(name),
+        "camera_matrix": _matrix(3, 3, info.k),
+        "distortion_model": info.distortion_model,
+        "distortion_coefficients": _matrix(1, len(info.d), info.d),
+        "rectification_matrix": _matrix(3, 3, info.r),
+        "projection_matrix": _matrix(3, 4, info.p),
+    }
+
+
+def _matrix(rows: int, columns: int, values) -> dict:
+    return {"rows": rows, "cols": columns, "data": _floats(values)}
+
+
+def _floats(values) -> list[float]:
+    return [float(value) for value in values]
+
+
+def _version() -> str:
+    try:
+        return metadata.version("fisheye_ep_calib")
+    except metadata.PackageNotFoundError:
+        return "(not installed)"
+
+
+def load_camera(path: str | PathLike) -> FisheyeCamera:
+    """The full camera of a camera file. Raises InputError."""
+    return read_camera_file(path).camera
+
+
+def read_camera_file(path: str | PathLike) -> CameraFile:
+    """Everything that a camera file says.
+
+    A plain camera_info YAML without the block ``entrance_pupil`` is read too, where it is equidistant.
+    Raises InputError with the file's name and what is wrong with it.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(f"{path}: too large for a camera file")
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not valid YAML: {_first_line(error)}") from None
+    try:
+        return _camera_file(content)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else _first_line(error)
+        raise InputError(f"{path} is not a camera file: {what}") from None
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def _camera_file(content: dict) -> CameraFile:
+    if not isinstance(content, dict):
+        raise InputError("a camera file is a mapping")
+    stand_in = _stand_in(content)
+    name = str(content.get("camera_name", "camera"))
+    block = content.get("entrance_pupil")
+    if block is None:
+        return CameraFile(name, stand_in, stand_in, np.zeros((len(stand_in.parameters),) * 2))
+    if block["schema"] != SCHEMA:
+        raise InputError(f"schema {block['schema']!r} of entrance_pupil is not known here; known: {SCHEMA}")
+    intrinsics = block["intrinsics"]
+    extras = {extra: tuple(_floats(block[extra])) for extra in LENS_EXTRAS if extra in block}
+    parameters = block.get("parameters", ())
+    camera = FisheyeCamera(
+        stand_in.image_size,
+        float(intrinsics["fx"]),
+        float(intrinsics["fy"]),
+        float(intrinsics["cx"]),
+        float(intrinsics["cy"]),
+        float(intrinsics["skew"]),
+        tuple(_floats(block["radial"])),
+        str(block["model"]),
+        tuple(_floats(block["coefficients"])),
+        {
+            extra: values
+            for extra, values in extras.items()
+            if any(values) or set(LENS_EXTRAS[extra].coefficient_names) & set(parameters)
+        },
+        str(block.get("lens", "kannala_brandt")),
+        float(block.get("theta_max", np.pi)),
+    )
+    svp = block.get("svp", {})
+    calibration = dict(block.get("calibration", {}))
+    return CameraFile(
+        name,
+        camera,
+        stand_in,
+        _covariance(block, camera),
+        float(svp.get("distance", np.inf)),
+        {float(key): float(value) for key, value in svp.get("loss_px", {}).items()},
+        _board_warp(calibration.get("board_warp", ())),
+        calibration,
+    )
+
+
+def _stand_in(content: dict) -> FisheyeCamera:
+    """The single-viewpoint camera of the top level."""
+    if content["distortion_model"] != "equidistant":
+        raise InputError(f"distortion_model {content['distortion_model']!r} is not equidistant")
+    matrix = np.array(_floats(content["camera_matrix"]["data"])).reshape(3, 3)
+    size = int(content["image_width"]), int(content["image_height"])
+    if not (0 < size[0] <= 1 << 16 and 0 < size[1] <= 1 << 16):
+        raise InputError(f"an image of {size[0]}×{size[1]} pixels is not possible")
+    distortion = tuple(_floats(content["distortion_coefficients"]["data"]))
+    if len(distortion) != 4:
+        raise InputError(f"equidistant takes 4 distortion coefficients, not {len(distortion)}")
+    return FisheyeCamera(
+        size, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], skew=matrix[0, 1], radial=distortion
+    )
+
+
+def _covariance(block: dict, camera: FisheyeCamera) -> np.ndarray:
+    count = len(camera.parameters)
+    if "covariance" not in block:
+        return np.zeros((count, count))
+    covariance = np.array(block["covariance"], dtype=float)
+    if tuple(block["parameters"]) != camera.parameter_names or covariance.shape != (count, count):
+        raise InputError("parameters and covariance do not fit the camera")
+    if not np.isfinite(covariance).all():
+        raise InputError("covariance must be finite")
+    return covariance
+
+
+def _board_warp(values) -> np.ndarray:
+    """Shorter lists are filled with zeros: the twist came last."""
+    values = _floats(values)
+    if len(values) > len(WARP_NAMES) or not np.isfinite(values).all():
+        raise InputError(f"board_warp holds up to {len(WARP_NAMES)} finite numbers")
+    return np.array(values + [0.0] * (len(WARP_NAMES) - len(values)))
