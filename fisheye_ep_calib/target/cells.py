@@ -40,11 +40,36 @@ def local_axes(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.nd
     return axes, known
 
 
-def line_residuals(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """How far each point (k,) lies from where the smoothest of the lattice lines through it would have it, pixels.
+def local_bend(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Second derivatives (k, 2, 3) of the pixel by lattice step, for xx, xy and yy; 0 where neighbours lack.
+    """
+    beside = neighbours(cells)
 
-    Along a line a point is predicted from two neighbours on both sides, (−a + 4b + 4c − d)/6, or from three on one
-    side, 3b − 3c + d, which errs √19 times as much and is discounted for that. NaN where neither can be.
+    def step(index: np.ndarray, direction: int) -> np.ndarray:
+        return np.where(index >= 0, beside[index, direction], -1)
+
+    bend = np.zeros((len(cells), 2, 3))
+    for column, (ahead, behind) in ((0, (0, 1)), (2, (2, 3))):
+        # At an end of a line the nearest point that has both neighbours stands in.
+        for middle in (beside[:, behind], beside[:, ahead], np.arange(len(cells))):
+            after, before = step(middle, ahead), step(middle, behind)
+            known = (middle >= 0) & (after >= 0) & (before >= 0)
+            second = pixels[after] + pixels[before] - 2 * pixels[middle]
+            bend[known, :, column] = second[known]
+    corners = [step(beside[:, across], along) for across in (0, 1) for along in (2, 3)]
+    known = np.all([corner >= 0 for corner in corners], axis=0)
+    mixed = (pixels[corners[0]] - pixels[corners[1]] - pixels[corners[2]] + pixels[corners[3]]) / 4
+    bend[known, :, 1] = mixed[known]
+    return bend
+
+
+def line_residuals(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """How far each point (k,) lies from where the smoothest of the lattice lines through it would have it,
+    pixels.
+
+    Along a line a point is predicted from two neighbours on both sides, (−a + 4b + 4c − d)/6, or from three
+    on one side, 3b − 3c + d, which errs √19 times as much and is discounted for that. NaN where neither can
+    be.
     """
     beside = neighbours(cells)
 
@@ -68,7 +93,9 @@ def line_residuals(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def smooth(cells: np.ndarray, pixels: np.ndarray, tolerance: float) -> np.ndarray:
-    """Whether each point (k,) fits the lattice lines through it, within tolerance pixels or six times the usual."""
+    """Whether each point (k,) fits the lattice lines through it, within tolerance pixels or six times the
+    usual.
+    """
     rest = line_residuals(cells, pixels)
     known = np.isfinite(rest)
     if not known.any():
@@ -77,9 +104,11 @@ def smooth(cells: np.ndarray, pixels: np.ndarray, tolerance: float) -> np.ndarra
 
 
 def extrapolate(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sites beside or within a patch: (m, 2) int, where they should lie (m, 2), and the pitch there (m,), pixels.
+    """Sites beside or within a patch: (m, 2) int, where they should lie (m, 2), and the pitch there (m,),
+    pixels.
 
-    Each is predicted along the lattice lines that lead to it: linearly from two points, with curvature from three.
+    Each is predicted along the lattice lines that lead to it: linearly from two points, with curvature from
+    three.
     """
     at = {tuple(cell): pixel for cell, pixel in zip(cells.tolist(), pixels, strict=True)}
     found: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}

@@ -8,12 +8,13 @@ import logging
 import cv2
 import numpy as np
 
-from fisheye_ep_calib.target.cells import local_axes, local_pitch, smooth
+from fisheye_ep_calib.target.cells import local_axes, local_bend, local_pitch, smooth
 from fisheye_ep_calib.target.corner_growth import colour_parity, grow_corners
 from fisheye_ep_calib.target.corner_guidance import find_guided
 from fisheye_ep_calib.target.corner_refinement import looks_like_corner, refine_corners
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.labelling import Placement, label_patch
+from fisheye_ep_calib.target.saddle_fit import fit_saddles
 
 logger = logging.getLogger(__name__)
 
@@ -36,7 +37,8 @@ def _calib_targets():
 
 
 class ChessboardDetector:
-    """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined, completed, then labelled."""
+    """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined, completed, then labelled.
+    """
 
     def __init__(self, target) -> None:
         self.target = target
@@ -72,16 +74,10 @@ class ChessboardDetector:
         axes, known = local_axes(cells, rough)
         bright = np.where(cells.sum(axis=1) % 2 == parity, -1.0, 1.0)
         good &= known & looks_like_corner(image, pixels, 0.5 * axes, bright)
-        rejected = rough[~good]
-        cells, pixels = cells[good], pixels[good]
-        if len(cells) >= 4:
-            cells, pixels = grow_corners(image, cells, pixels, parity, int(self.lattice.max()) + 1)
-            fits = smooth(cells, pixels, tolerance=0.3)
-            rejected = np.vstack([rejected, pixels[~fits]])
-            cells, pixels = cells[fits], pixels[fits]
-        total = len(self.lattice)
-        if len(cells) < self.fewest:
-            return Detection(reason=f"{len(cells)} of {total} corners", rejected=np.vstack([rejected, pixels]))
+        if good.sum() < 4:
+            return Detection(reason="board not found", rejected=rough)
+        # Labelled before the last, strict checks: the larger the patch, the fewer places it fits.
+        cells, pixels = grow_corners(image, cells[good], pixels[good], parity, int(self.lattice.max()) + 1)
         labels = label_patch(
             cells,
             pixels,
@@ -89,12 +85,15 @@ class ChessboardDetector:
             allowed=lambda placement: _colour_fits(placement, parity),
             is_plain=lambda sites, scale: _is_plain(image, sites, scale),
         )
-        known = labels.known
-        if known.sum() < self.fewest:
-            return Detection(reason="board not found", rejected=pixels)
-        return Detection(
-            labels.point_index[known], pixels[known], rejected=np.vstack([rejected, pixels[~known]])
-        )
+        pixels, fits = _refine(image, cells, pixels, parity)
+        fits &= labels.known
+        if fits.any():
+            fits[fits] = smooth(cells[fits], pixels[fits], tolerance=0.3)
+        rejected = np.vstack([rough[~good], pixels[~fits]])
+        if fits.sum() < self.fewest:
+            reason = f"{int(fits.sum())} of {len(self.lattice)} corners"
+            return Detection(reason=reason, rejected=np.vstack([rejected, pixels[fits]]))
+        return Detection(labels.point_index[fits], pixels[fits], rejected=rejected)
 
     def _find(self, image: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
         """Lattice coordinates (k, 2) int with the handedness of (u, v), and rough pixels (k, 2).
@@ -127,6 +126,15 @@ def _find_part(library, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cells, np.array([corner.position for corner in found.corners], dtype=float)
 
 
+def _refine(image, cells: np.ndarray, pixels: np.ndarray, parity: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (k, 2) by fitting each corner's picture, and whether it is a corner and nothing else (k,)."""
+    axes, known = local_axes(cells, pixels)
+    fit = fit_saddles(image, pixels, 0.5 * axes, 0.25 * local_bend(cells, pixels))
+    bright = np.where(cells.sum(axis=1) % 2 == parity, -1.0, 1.0)
+    good = fit.good(bright) & known & looks_like_corner(image, fit.pixels, 0.5 * axes, bright)
+    return fit.pixels, good
+
+
 def _right_handed(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """The cells, mirrored where their axes turn the other way than u and v do."""
     design = np.column_stack([cells, np.ones(len(cells))])
@@ -143,7 +151,8 @@ def _colour_fits(placement: Placement, parity: int) -> float:
 
 
 def _is_plain(image: np.ndarray, sites: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Whether the image shows no black at each site (m, 2) within 0.3 of the pitch (m,): board, no occluder."""
+    """Whether the image shows no black at each site (m, 2) within 0.3 of the pitch (m,): board, no occluder.
+    """
     height, width = image.shape
     offset = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 0]])
     places = np.rint(sites[:, None] + 0.3 * scale[:, None, None] * offset).astype(int)

@@ -11,7 +11,8 @@ MOST_ROUNDS = 40
 
 
 def colour_parity(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> int:
-    """0 where the squares down and right of cells with an even sum are black, 1 where those with an odd sum are.
+    """0 where the squares down and right of cells with an even sum are black, 1 where those with an odd sum
+    are.
 
     −1 when no square is whole or the colours do not differ.
     """
@@ -32,7 +33,8 @@ def colour_parity(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> i
 def grow_corners(
     image: np.ndarray, cells: np.ndarray, pixels: np.ndarray, parity: int, longest: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The patch with every corner that can be reached from it; longest: the target's longer side, in corners."""
+    """The patch with every corner that can be reached from it; longest: the target's longer side, in corners.
+    """
     refused: set[tuple[int, int]] = set()
     for _ in range(MOST_ROUNDS):
         sites, where, _ = extrapolate(cells, pixels)

@@ -6,7 +6,8 @@ import numpy as np
 
 from fisheye_ep_calib.target.corner_refinement import looks_like_corner, reach_of, refine_corners
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.guidance import offset_residuals, predict
+from fisheye_ep_calib.target.guidance import offset_residuals, predict, predict_bend
+from fisheye_ep_calib.target.saddle_fit import fit_saddles
 
 USUAL_ERROR = 0.25
 
@@ -21,8 +22,8 @@ def find_guided(
 ) -> Detection:
     """Look for the corners points (n, 3) of a target at a pose (4, 4).
 
-    clear (n,): how far around each corner, metres along x and y, the print consists of its four quadrants only.
-    bright (n,): +1 where the quadrants +x+y and −x−y are white, −1 where they are black.
+    clear (n,): how far around each corner, metres along x and y, the print consists of its four quadrants
+    only. bright (n,): +1 where the quadrants +x+y and −x−y are white, −1 where they are black.
     """
     reason = check_image(image)
     if reason:
@@ -34,8 +35,12 @@ def find_guided(
     start = expected.pixels[index]
     axes = clear[index, None, None] * expected.plane_jacobian[index]
     reach = reach_of(axes)
-    refined, good = refine_corners(image, start, reach)
-    good &= looks_like_corner(image, refined, axes, bright[index])
+    coarse, good = refine_corners(image, start, reach)
+    coarse = np.where(good[:, None], coarse, start)
+    bend = predict_bend(camera, camera_from_target, points[index], clear[index], image.shape)
+    fit = fit_saddles(image, coarse, axes, bend)
+    refined = fit.pixels
+    good = fit.good(bright[index]) & looks_like_corner(image, refined, axes, bright[index])
     if good.any():
         rest = offset_residuals(points[index[good]], refined[good] - start[good])
         good[good] = rest < np.minimum(np.maximum(6 * np.median(rest), USUAL_ERROR), 0.5 * reach[good])

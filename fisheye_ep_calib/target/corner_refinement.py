@@ -1,4 +1,6 @@
-"""Saddle corners, where two black and two white quadrants meet: to sub-pixels, and whether one is there at all."""
+"""Saddle corners, where two black and two white quadrants meet: to sub-pixels, and whether one is there at
+all.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +41,18 @@ def refine_corners(image: np.ndarray, pixels: np.ndarray, reach: np.ndarray) -> 
 
 
 def reach_of(axes: np.ndarray) -> np.ndarray:
-    """Radius (k,) of the circle inside the clear zone, pixels. axes (k, 2, 2): the zone's half sides as columns."""
+    """Radius (k,) of the circle inside the clear zone, pixels. axes (k, 2, 2): the zone's half sides as
+    columns.
+    """
     longest = np.linalg.norm(axes, axis=1).max(axis=1)
     return np.abs(np.linalg.det(axes)) / np.maximum(longest, 1e-9)
 
 
-def looks_like_corner(image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, bright: np.ndarray) -> np.ndarray:
-    """Whether each pixel (k, 2) is surrounded by four quadrants of the right colours, each even in itself (k,).
+def looks_like_corner(
+    image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, bright: np.ndarray
+) -> np.ndarray:
+    """Whether each pixel (k, 2) is surrounded by four quadrants of the right colours, each even in itself
+    (k,).
 
     axes (k, 2, 2): half sides of the zone to look at, pixels, as columns. bright (k,): +1 where the quadrants
     (+, +) and (−, −) are white, −1 where they are black.

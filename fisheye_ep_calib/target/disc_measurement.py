@@ -198,7 +198,8 @@ def _dark_share(patches: PixelPatches, levels: _Levels) -> np.ndarray:
 
 
 def _levels(image: np.ndarray, state: Measurement, hole: np.ndarray, ratio: float) -> _Levels:
-    """The board's brightness as a plane through a ring around each disc, other discs and occluders cut off."""
+    """The board's brightness as a plane through a ring around each disc, other discs and occluders cut off.
+    """
     shape = state.shape
     reach = min(RING_REACH, max(ratio - 0.8, 1.3))
     band = 2.0 * state.blur + 0.7

@@ -37,11 +37,34 @@ def predict(
     return Prediction(pixels, np.where(visible[:, None, None], jacobian, np.eye(2)), visible)
 
 
+def predict_bend(
+    camera: FisheyeCamera,
+    camera_from_target: np.ndarray,
+    points: np.ndarray,
+    reach: np.ndarray,
+    image_shape: tuple[int, ...],
+) -> np.ndarray:
+    """Second differences (n, 2, 3) of the pixel along x x, x y and y y, for a step of reach (n,) metres; 0
+    where unseen.
+
+    Taken over half the reach, in the plane of the target.
+    """
+    steps = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [1, -1], [-1, 1], [-1, -1]]) / 2
+    moved = np.repeat(points[None], len(steps), axis=0)
+    moved[..., :2] += steps[:, None, :] * reach[None, :, None]
+    found = predict(camera, camera_from_target, moved.reshape(-1, 3), image_shape)
+    at = found.pixels.reshape(len(steps), -1, 2)
+    seen = found.visible.reshape(len(steps), -1).all(axis=0)
+    xx, yy = at[1] + at[2] - 2 * at[0], at[3] + at[4] - 2 * at[0]
+    xy = (at[5] - at[6] - at[7] + at[8]) / 4
+    return np.where(seen[:, None, None], 4 * np.stack([xx, xy, yy], axis=-1), 0.0)
+
+
 def offset_residuals(points: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """How far each feature's offset from its prediction (k, 2) is from a smooth one, pixels (k,).
 
-    A camera that does not fit yet errs smoothly over the board: the offsets are fitted with a quadratic in the board's
-    x and y (points (k, 2 or 3)), robustly (iteratively reweighted, Cauchy weights).
+    A camera that does not fit yet errs smoothly over the board: the offsets are fitted with a quadratic in
+    the board's x and y (points (k, 2 or 3)), robustly (iteratively reweighted, Cauchy weights).
     """
     centred = points[:, :2] - points[:, :2].mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T

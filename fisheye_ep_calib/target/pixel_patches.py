@@ -1,4 +1,5 @@
-"""The pixels around many places at once: flat arrays, one place's pixels after another's, sums over segments."""
+"""The pixels around many places at once: flat arrays, one place's pixels after another's, sums over segments.
+"""
 
 from __future__ import annotations
 

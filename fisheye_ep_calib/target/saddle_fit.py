@@ -1,0 +1,154 @@
+"""Saddle corners by fitting their picture: two blurred edges that cross, bent as the lens bends them.
+
+About a corner at pixel c the target's plane coordinates (s, t) map to c + axes (s, t) + ½ Σ bend (s², 2st,
+t²). With x and y the distances in pixels from the edges s = 0 and t = 0, the image is
+
+    I = m + p s + q t + b F(x) F(y),   F(x) = erf(x / (√2 σ))
+
+Gauss–Newton on the corner's place, σ and the directions of both edges; what enters linearly is solved for in
+each step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.special import erf
+
+HALF_SIDES = (2, 3, 4, 5, 6, 8, 10, 12)
+ROUNDS = 6
+FIRST_BLUR = 1.0
+MOST_RESIDUAL = 0.35
+LEAST_CONTRAST = 4.0
+
+
+@dataclass(frozen=True)
+class SaddleFit:
+    """k corners. pixels (k, 2). contrast (k,): half of white minus black, positive where (+, +) is white.
+    residual (k,): RMS of what the fit leaves, grey values. converged (k,)."""
+
+    pixels: np.ndarray
+    contrast: np.ndarray
+    residual: np.ndarray
+    converged: np.ndarray
+
+    def good(self, bright: np.ndarray) -> np.ndarray:
+        """Whether each is a corner of the right colours, bright (k,) ±1, that the fit explains (k,)."""
+        contrast = self.contrast * bright
+        usual = np.median(self.residual[self.converged]) if self.converged.any() else 0.0
+        clean = self.residual < np.maximum(MOST_RESIDUAL * contrast, np.minimum(2 * usual, 0.5 * contrast))
+        return self.converged & (contrast > LEAST_CONTRAST) & clean
+
+
+def fit_saddles(
+    image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, bend: np.ndarray | None = None
+) -> SaddleFit:
+    """Fit corners that are near pixels (k, 2).
+
+    axes (k, 2, 2): half sides of each corner's clear zone as columns, pixels. bend (k, 2, 3): second
+    derivatives of the pixel with respect to (s, t) = ±1 at the zone's border, for ss, st and tt.
+    """
+    pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
+    bend = np.zeros((len(pixels), 2, 3)) if bend is None else bend
+    area = np.abs(np.linalg.det(axes))
+    # Distance of the clear zone's sides from its middle: how far the window may reach.
+    reach = np.maximum(area[:, None] / np.maximum(np.linalg.norm(axes, axis=1)[:, ::-1], 1e-9), 0.5)
+    wanted = 0.85 * reach.min(axis=1)
+    choice = np.clip(np.searchsorted(HALF_SIDES, wanted, side="right") - 1, 0, len(HALF_SIDES) - 1)
+    out = SaddleFit(
+        pixels.copy(), np.zeros(len(pixels)), np.full(len(pixels), np.inf), np.zeros(len(pixels), dtype=bool)
+    )
+    for number in np.unique(choice):
+        chosen = np.flatnonzero(choice == number)
+        part = _fit(image, pixels[chosen], axes[chosen], bend[chosen], reach[chosen], HALF_SIDES[number])
+        for name in SaddleFit.__dataclass_fields__:
+            getattr(out, name)[chosen] = getattr(part, name)
+    return out
+
+
+def _fit(image, pixels, axes, bend, reach, half: int) -> SaddleFit:
+    """Corners with a window of the same size: ±half pixels along the edges' normals."""
+    steps = np.arange(-half, half + 1) / half
+    first, second = (grid.ravel() for grid in np.meshgrid(steps, steps))
+    inside = first**2 + second**2 <= 1.3
+    # Plane coordinates (k, n) of the samples: about a pixel apart.
+    s = np.minimum(half / reach[:, :1], 0.95) * first[inside]
+    t = np.minimum(half / reach[:, 1:], 0.95) * second[inside]
+    x, y = s * reach[:, :1], t * reach[:, 1:]
+    bent = 0.5 * np.einsum("kij,kjn->kin", bend, np.stack([s * s, 2 * s * t, t * t], axis=1))
+    offset = np.einsum("kij,kjn->kin", axes, np.stack([s, t], axis=1)) + bent
+    center, sigma = pixels.copy(), np.full(len(pixels), FIRST_BLUR)
+    tilt = np.zeros((len(pixels), 2))
+    step = np.full(len(pixels), np.inf)
+    contrast, residual = np.full(len(pixels), 50.0), np.full(len(pixels), 5.0)
+    for _ in range(ROUNDS):
+        places = (center[:, :, None] + offset).astype(np.float32)
+        values = cv2.remap(
+            image, places[:, 0], places[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        skewed_x, skewed_y = x + tilt[:, :1] * y, y + tilt[:, 1:] * x
+        across, d_across = _edge(skewed_x, sigma)
+        along, d_along = _edge(skewed_y, sigma)
+        picture = across * along
+        columns = [
+            np.ones_like(s),
+            s,
+            t,
+            picture,
+            -d_across * along,
+            -across * d_along,
+            d_across * along * y,
+            across * d_along * x,
+            -(d_across * skewed_x * along + across * d_along * skewed_y) / sigma[:, None],
+        ]
+        design = np.stack(columns, axis=-1)
+        values = values.astype(float)
+        normal = np.einsum("kni,knj->kij", design, design)
+        right = np.einsum("kni,kn->ki", design, values)
+        strength, drawn = _prior(contrast, residual, tilt, sigma)
+        normal[:, range(9), range(9)] += strength
+        solved = np.linalg.solve(normal, (right + strength * drawn)[..., None])[..., 0]
+        rest = values - np.einsum("kni,ki->kn", design, solved)
+        residual = np.sqrt((rest**2).mean(axis=1))
+        contrast = solved[:, 3]
+        safe = np.where(np.abs(contrast) > 1e-3, contrast, 1e-3)
+        change = solved[:, 4:] / safe[:, None]
+        move = np.clip(change[:, :2], -1.0, 1.0) / reach
+        shift = np.einsum("kij,kj->ki", axes, move)
+        center = center + shift
+        step = np.hypot(*shift.T)
+        tilt = np.clip(tilt + np.clip(change[:, 2:4], -0.1, 0.1), -0.3, 0.3)
+        sigma = np.clip(sigma + np.clip(change[:, 4], -0.4, 0.4), 0.4, 0.5 * half + 0.5)
+    return SaddleFit(
+        center, contrast, residual, (step < 0.05) & (np.hypot(*(center - pixels).T) < 0.5 * half + 1)
+    )
+
+
+def _prior(
+    contrast: np.ndarray, residual: np.ndarray, tilt: np.ndarray, sigma: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What is expected of the nine unknowns, in units of the normal equations: strengths and values, each (k,
+    9).
+
+    A small window cannot tell everything: the slopes of brightness are expected within a fifth of the
+    contrast, the edges' directions within 0.05, the blur within 0.3 of its usual value; the place is left
+    free.
+    """
+    variance = np.maximum(residual, 1.0) ** 2
+    scale = np.maximum(np.abs(contrast), 4.0)
+    strength = np.zeros((len(contrast), 9))
+    for columns, allowed in (((1, 2), 0.2), ((4, 5), 1.0), ((6, 7), 0.05), ((8,), 0.3)):
+        for column in columns:
+            strength[:, column] = variance / (allowed * scale) ** 2
+    drawn = np.zeros_like(strength)
+    drawn[:, 6:8] = -tilt * contrast[:, None]
+    drawn[:, 8] = (np.median(sigma) - sigma) * contrast
+    return strength, drawn
+
+
+def _edge(distance: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """F (k, n) at distances (k, n) from an edge blurred by sigma (k,), and dF/d distance."""
+    scaled = distance / (np.sqrt(2) * sigma[:, None])
+    return erf(scaled), np.sqrt(2 / np.pi) / sigma[:, None] * np.exp(-(scaled**2))
