@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from tqdm import tqdm
 
 from fisheye_ep_calib.calibration.view_selection import ViewSignature, view_signature
 from fisheye_ep_calib.collection.choice import FrameChoice, closer_look, first_look
+from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
 from fisheye_ep_calib.collection.workers import FrameWorkers, Job
 from fisheye_ep_calib.errors import InputError
@@ -32,6 +35,7 @@ class Collector:
     """Looks for one target in one recording, with worker processes that are kept for a second pass.
 
     workers: processes; 0 looks in the calling process. strict: an image that cannot be read is an error.
+    log: a file that holds what was found so far, removed by ``forget``; resume: go on from it.
     """
 
     def __init__(
@@ -42,11 +46,16 @@ class Collector:
         workers: int = 0,
         strict: bool = False,
         quiet: bool = False,
+        log: str | PathLike | None = None,
+        resume: bool = False,
     ) -> None:
         self._recording = recording
         self._target = target
         self._strict = strict
         self._quiet = quiet
+        self._log_path = None if log is None else Path(log)
+        self._resume = resume
+        self._log: DetectionLog | None = None
         self._workers = FrameWorkers(recording, target.detector(), workers)
 
     def __enter__(self) -> Collector:
@@ -54,6 +63,13 @@ class Collector:
 
     def __exit__(self, *_) -> None:
         self._workers.close()
+        if self._log is not None:
+            self._log.close()
+
+    def forget(self) -> None:
+        """Delete the log: what was found is saved elsewhere."""
+        if self._log is not None:
+            self._log.remove()
 
     def collect(self, topics: Sequence[str], choice: FrameChoice | None = None) -> dict[str, DetectionRun]:
         """Look at the images of these cameras, coarse to fine in time.
@@ -62,6 +78,9 @@ class Collector:
         size or, when strict, where one cannot be read.
         """
         choice = choice or FrameChoice()
+        if self._log_path is not None:
+            key = search_key(self._recording, topics, self._target)
+            self._log = DetectionLog(self._log_path, key, self._resume)
         counts = {topic: self._recording.count(topic) for topic in topics}
         seen: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
         planned = {topic: first_look(counts[topic], choice) for topic in topics}
@@ -109,7 +128,7 @@ class Collector:
         return refined
 
     def _look(self, jobs: Sequence[Job], seen: dict[str, dict[int, FrameResult]], progress: tqdm) -> None:
-        for result in self._workers.run(jobs):
+        for result in self._results(jobs):
             if result.error and self._strict:
                 raise InputError(f"{result.topic}, image {result.name}: {result.error}")
             frames = seen[result.topic]
@@ -118,6 +137,18 @@ class Collector:
             progress.set_postfix(found=sum(frame.found for run in seen.values() for frame in run.values()))
         for topic, frames in seen.items():
             _check_sizes(topic, frames)
+
+    def _results(self, jobs: Sequence[Job]) -> Iterator[FrameResult]:
+        """What each image shows: from the log where an earlier run has seen it, else by looking."""
+        log = self._log
+        if log is None or any(job.camera is not None for job in jobs):
+            yield from self._workers.run(jobs)
+            return
+        unseen = [job for job in jobs if (job.topic, job.index) not in log.known]
+        yield from (log.known[job.topic, job.index] for job in jobs if (job.topic, job.index) in log.known)
+        for result in self._workers.run(unseen):
+            log.add(result)
+            yield result
 
     def _signatures(self, frames: Mapping[int, FrameResult]) -> dict[int, ViewSignature | None]:
         return {index: self._signature(frame) for index, frame in frames.items()}
@@ -142,11 +173,14 @@ def _check_sizes(topic: str, frames: Mapping[int, FrameResult]) -> None:
     for frame in _in_order(frames):
         if frame.image_size is None:
             continue
-        if first is None:
-            first = frame
-        elif frame.image_size != first.image_size:
-            (w1, h1), (w2, h2) = first.image_size, frame.image_size
+        first = first or frame
+        if frame.image_size != first.image_size:
             raise InputError(
-                f"{topic}: its images differ in size: {first.name} is {w1}×{h1}, {frame.name} is {w2}×{h2}; "
+                f"{topic}: its images differ in size: {_name_and_size(first)}, {_name_and_size(frame)}; "
                 "calibrate each size by itself"
             )
+
+
+def _name_and_size(frame: FrameResult) -> str:
+    width, height = frame.image_size or (0, 0)
+    return f"{frame.name} is {width}×{height}"

@@ -121,9 +121,7 @@ def _to_grey(samples: np.ndarray, code: int | None) -> np.ndarray:
     try:
         return cv2.cvtColor(samples, code)
     except cv2.error:
-        raise InputError(
-            f"an image of {samples.shape[1]}×{samples.shape[0]} pixels cannot be converted"
-        ) from None
+        raise InputError(f"an image of {samples.shape[1]}×{samples.shape[0]} pixels cannot be converted") from None
 
 
 def _to_eight_bits(grey: np.ndarray) -> np.ndarray:

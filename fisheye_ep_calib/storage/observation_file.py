@@ -7,6 +7,7 @@ import zipfile
 import zlib
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def load_observations(path: str | PathLike) -> Observations:
 
 def save_observations(path: str | PathLike, observations: Observations) -> None:
     """Write an observation file in metres, whole or not at all."""
-    arrays = {
+    arrays: dict[str, Any] = {
         "object_points": observations.object_points,
         "unit": np.array("m"),
         "image_index": observations.image_index,
@@ -73,9 +74,7 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"{path} cannot be read: {error}") from None
     missing = [key for key in REQUIRED if key not in arrays]
     if missing:
-        raise InputError(
-            f"{path} has no {', '.join(missing)}; an observation file needs {', '.join(REQUIRED)}"
-        )
+        raise InputError(f"{path} has no {', '.join(missing)}; an observation file needs {', '.join(REQUIRED)}")
     return arrays
 
 
@@ -120,12 +119,12 @@ def _observations(arrays: dict[str, np.ndarray]) -> Observations:
     image_size = _whole_numbers(arrays["image_size"], "image_size")
     if image_size.shape != (2,) or (image_size < 1).any() or (image_size > MAX_SIDE).any():
         raise InputError(f"image_size must be (width, height) within 1..{MAX_SIDE}")
-    disc_radius = arrays.get("disc_radius")
-    if disc_radius is not None:
-        disc_radius = _real_numbers(disc_radius, "disc_radius")
-        if disc_radius.size != 1:
+    disc_radius = None
+    if "disc_radius" in arrays:
+        radius = _real_numbers(arrays["disc_radius"], "disc_radius")
+        if radius.size != 1:
             raise InputError("disc_radius must be one number")
-        disc_radius = float(disc_radius.reshape(())) * metres
+        disc_radius = float(radius.reshape(())) * metres
     weights = arrays.get("weights")
     return Observations.create(
         object_points=_real_numbers(arrays["object_points"], "object_points") * metres,

@@ -95,6 +95,10 @@ class Recording:
         """How many images a topic holds."""
         return len(self._frames.get(topic, ()))
 
+    def stamps(self, topic: str) -> list[int]:
+        """When each image of a topic was recorded, nanoseconds; 0, 1, 2 … for image files."""
+        return [entry.stamp_ns for _, entry in self._frames.get(topic, ())]
+
     def frame(self, topic: str, index: int) -> Frame:
         """The image of that number, counted from 0 in the order of time."""
         source, entry = self._frames[topic][index]
@@ -103,8 +107,10 @@ class Recording:
     def frames(self, topics: Sequence[str] | None = None) -> Iterator[Frame]:
         """Every image of these topics (default: of all), in the order of time; none is read yet."""
         names = [topic.name for topic in self.image_topics()] if topics is None else topics
-        runs = [map(lambda index, name=name: self.frame(name, index), range(self.count(name))) for name in names]
-        return heapq.merge(*runs, key=lambda frame: frame.stamp_ns)
+        return heapq.merge(*map(self._frames_of, names), key=lambda frame: frame.stamp_ns)
+
+    def _frames_of(self, topic: str) -> Iterator[Frame]:
+        return (self.frame(topic, index) for index in range(self.count(topic)))
 
 
 def open_recording(paths: str | os.PathLike | Sequence[str | os.PathLike], *, strict: bool = False) -> Recording:

@@ -112,7 +112,7 @@ class BagFile(BagSource):
         return chunks
 
     def _chunks_by_walking(self, stream: BinaryIO) -> tuple[list[int], bool]:
-        chunks = []
+        chunks: list[int] = []
         position = len(MAGIC)
         try:
             while position < self._size:

@@ -1,0 +1,76 @@
+"""An interrupted run goes on where it stopped, and ends with what an uninterrupted one gives."""
+
+import pytest
+from bag_writers import write_folder
+from numbered_target import ABSENT, INTERRUPTS, TARGET, picture
+
+from fisheye_ep_calib.collection import Collector
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.storage.recording import open_recording
+from fisheye_ep_calib.target.base import rectangular_grid
+
+PICTURES = [picture(x=i) if i % 3 else picture(ABSENT) for i in range(12)]
+
+
+def collect(folder, target=TARGET, **options):
+    with open_recording(folder) as recording, Collector(recording, target, **options) as collector:
+        return collector.collect(["front"])["front"]
+
+
+def test_a_resumed_run_looks_only_at_what_is_left_and_gives_the_same(tmp_path):
+    folder = write_folder(tmp_path / "front", PICTURES)
+    whole = collect(folder)
+    (folder / "frame7.png").rename(tmp_path / "aside.png")
+    write_folder(tmp_path / "other", [picture(INTERRUPTS)])
+    (tmp_path / "other" / "frame0.png").rename(folder / "frame7.png")
+    log = tmp_path / "out" / "detections.jsonl"
+    stopped = collect(folder, log=log)
+    assert stopped.interrupted and len(stopped.frames) == 7
+
+    (tmp_path / "aside.png").replace(folder / "frame7.png")
+    for number in range(7):
+        (folder / f"frame{number}.png").write_bytes(b"must not be read again")
+    resumed = collect(folder, log=log, resume=True)
+    assert not resumed.interrupted and resumed.unused == whole.unused
+    one, other = (run.observations(TARGET.object_points) for run in (resumed, whole))
+    assert one.pixels.tobytes() == other.pixels.tobytes() and one.image_names == other.image_names
+
+
+def test_a_log_cut_by_a_crash_is_used_up_to_there(tmp_path):
+    folder = write_folder(tmp_path / "front", PICTURES)
+    log = tmp_path / "detections.jsonl"
+    whole = collect(folder, log=log)
+    content = log.read_bytes()
+    for length in range(len(content.split(b"\n")[0]) + 1, len(content), 397):
+        log.write_bytes(content[:length])
+        resumed = collect(folder, log=log, resume=True)
+        assert resumed.unused == whole.unused and [v.name for v in resumed.views] == [v.name for v in whole.views]
+        assert log.read_bytes().count(b"\n") == 13
+
+
+def test_a_log_of_something_else_is_refused(tmp_path):
+    folder = write_folder(tmp_path / "front", PICTURES)
+    log = tmp_path / "detections.jsonl"
+    collect(folder, log=log)
+    other = type(TARGET)("other", rectangular_grid(4, 3, 2.0, 1.0), None)
+    with pytest.raises(InputError, match="another recording or target; run without --resume"):
+        collect(folder, target=other, log=log, resume=True)
+    (folder / "frame3.png").unlink()
+    with pytest.raises(InputError, match="another recording"):
+        collect(folder, log=log, resume=True)
+    log.write_text("not a log\n")
+    with pytest.raises(InputError, match="damaged"):
+        collect(folder, log=log, resume=True)
+    assert len(collect(folder, log=log).frames) == 11
+    with pytest.raises(CalibrationError, match="cannot be used"):
+        collect(folder, log=tmp_path)
+
+
+def test_the_log_is_removed_once_it_is_not_needed(tmp_path):
+    folder = write_folder(tmp_path / "front", PICTURES)
+    log = tmp_path / "detections.jsonl"
+    with open_recording(folder) as recording, Collector(recording, TARGET, log=log) as collector:
+        collector.collect(["front"])
+        assert log.exists()
+        collector.forget()
+    assert not log.exists()
