@@ -19,6 +19,9 @@ from fisheye_ep_calib.target.saddle_fit import fit_saddles
 logger = logging.getLogger(__name__)
 
 FEWEST_CORNERS = 8
+SCALES = (1.0, 0.5, 0.25)
+SMALLEST_SIDE = 200
+MOSTLY_FOUND = 0.75
 NOTHING = np.empty((0, 2), dtype=int), np.empty((0, 2))
 
 
@@ -50,13 +53,22 @@ class ChessboardDetector:
         if reason:
             return Detection(reason=reason)
         best = Detection(reason="board not found")
-        for scale in (1.0, 0.5) if min(image.shape) >= 400 else (1.0,):
-            cells, pixels = self._find(image, scale)
-            if len(cells) >= 4:
-                best = max(best, self._complete(image, cells, pixels), key=len)
-            if len(best) >= self.fewest:
+        for cells, pixels in self._patches(image):
+            if len(cells) < 4 or len(cells) <= len(best):
                 break
+            best = max(best, self._complete(image, cells, pixels), key=len)
         return best
+
+    def _patches(self, image: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Patches found in the image and in smaller copies of it, largest first."""
+        patches: list[tuple[np.ndarray, np.ndarray]] = []
+        for scale in SCALES:
+            if scale < 1.0 and scale * min(image.shape) < SMALLEST_SIDE:
+                break
+            patches.append(self._find(image, scale))
+            if len(patches[-1][0]) >= MOSTLY_FOUND * len(self.lattice):
+                break
+        return sorted(patches, key=lambda patch: len(patch[0]), reverse=True)
 
     def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
         target = self.target
