@@ -84,17 +84,26 @@ class Fit:
         return residuals(self.problem, self.state, len(self.sightings.observations.pixels))
 
 
-def prepare(observations: Observations, disc_centers: str = "unbiased") -> Sightings:
-    """Leave out images with too few sightings. Raises CalibrationError where too few images remain."""
+def sightings_of(observations: Observations, disc_centers: str = "unbiased") -> Sightings:
+    """The images with enough sightings for a pose.
+
+    disc_centers: "unbiased" predicts centres of gravity of projected discs, "naive" images of their centres.
+    """
     images = _images_with_points(observations)
-    if len(images) < MIN_VIEWS:
-        raise CalibrationError(
-            f"{_count(len(images), 'view has', 'views have')} at least {MIN_POINTS} points; at least {MIN_VIEWS} "
-            "are needed, and 20 or more for a good calibration: record more views"
-        )
     radius = observations.disc_radius if disc_centers == "unbiased" else None
     features = FeatureModel(board_frame(observations.object_points), radius)
     return Sightings(observations, images, view_blocks(observations, images), features)
+
+
+def prepare(observations: Observations, disc_centers: str = "unbiased") -> Sightings:
+    """``sightings_of`` for a calibration. Raises CalibrationError where too few images remain."""
+    sightings = sightings_of(observations, disc_centers)
+    if len(sightings.images) < MIN_VIEWS:
+        raise CalibrationError(
+            f"{_count(len(sightings.images), 'view has', 'views have')} at least {MIN_POINTS} points; at least "
+            f"{MIN_VIEWS} are needed, and 20 or more for a good calibration: record more views"
+        )
+    return sightings
 
 
 def with_weights(sightings: Sightings, weights: np.ndarray) -> Sightings:

@@ -47,7 +47,8 @@ class Observations:
         disc_radius: float | None = None,
     ) -> Observations:
         """Validate, sort by image and fill in what is optional. Raises InputError."""
-        object_points = np.array(object_points, dtype=float)
+        # To the picometre, so that lengths given in mm and in m are the same numbers.
+        object_points = np.round(np.array(object_points, dtype=float), 12)
         image_index = np.array(image_index, dtype=np.int64).reshape(-1)
         point_index = np.array(point_index, dtype=np.int64).reshape(-1)
         pixels = np.array(pixels, dtype=float)

@@ -1,0 +1,74 @@
+"""The command ``fisheye_ep_calib``: parses arguments, turns errors into one line and an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import logging
+import os
+import sys
+from collections.abc import Sequence
+
+from fisheye_ep_calib.errors import CalibrationError
+
+PROGRAM = "fisheye_ep_calib"
+COMMANDS = {
+    "calibrate": "calibrate cameras from bags, image folders or observation files",
+    "evaluate": "measure a camera file on other images, the camera frozen",
+    "show": "print a camera file: intrinsics, entrance pupil, what is known about them",
+    "simulate": "write images of a known camera as a bag",
+    "demo": "the whole way once, on rendered images",
+}
+DESCRIPTION = (
+    "Fisheye calibration with a moving entrance pupil: offline from bags, or live as a ROS 2 node (ros2 run "
+    "fisheye_ep_calib calibrator)."
+)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(PROGRAM, description=DESCRIPTION)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, summary in COMMANDS.items():
+        module = importlib.import_module(f"fisheye_ep_calib.commands.{name}")
+        command = commands.add_parser(
+            name,
+            help=summary,
+            description=getattr(module, "DESCRIPTION", summary),
+            epilog=getattr(module, "EPILOG", None),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code: 0 done, 1 could not calibrate, 2 wrong usage or unreadable input."""
+    logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
+    parsed = build_parser().parse_args(arguments)
+    try:
+        return parsed.run(parsed)
+    except CalibrationError as error:
+        return _fail(str(error), error.exit_code)
+    except KeyboardInterrupt:
+        return _fail("interrupted", 130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        return _fail(f"{error.filename or ''}: {error.strerror or error}".lstrip(": "), 1)
+    except MemoryError:
+        return _fail("out of memory", 1)
+
+
+def _fail(message: str, code: int) -> int:
+    print(f"{PROGRAM}: error: {message}", file=sys.stderr)
+    return code
+
+
+def calibrate_bag_main() -> int:
+    """``ros2 run fisheye_ep_calib calibrate_bag``: the command calibrate, without what ROS appends."""
+    given = sys.argv[1:]
+    if "--ros-args" in given:
+        given = given[: given.index("--ros-args")]
+    return main(["calibrate", *given])

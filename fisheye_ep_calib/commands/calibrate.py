@@ -1,0 +1,142 @@
+"""fisheye_ep_calib calibrate: cameras from recordings or observation files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from fisheye_ep_calib.calibration import CalibrationResult, calibrate
+from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
+from fisheye_ep_calib.collection.collector import Guide
+from fisheye_ep_calib.commands.sources import CameraSource, add_source_arguments, camera_sources
+from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.storage.camera_file import save_camera
+from fisheye_ep_calib.storage.observation_file import save_observations
+
+DESCRIPTION = (
+    "Calibrate one or several cameras and write a camera file for each, CALIBRATION/NAME.yaml, and what was seen,\n"
+    "CALIBRATION/observations/NAME.npz, from which the calibration can be repeated without the images."
+)
+EPILOG = """examples:
+  fisheye_ep_calib calibrate recording.mcap --target board.yaml
+  fisheye_ep_calib calibrate bag/ --target board.yaml --topic front=/front/image_raw --topic rear=/rear/image_raw
+  fisheye_ep_calib calibrate calibration/observations/front.npz --model ep_even --board-warp --output again
+"""
+DEFAULT_OUTPUT = "calibration"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_source_arguments(parser, many=True)
+    parser.add_argument(
+        "--model",
+        default="auto",
+        choices=["auto", *PUPIL_FAMILIES],
+        help="auto fits all and takes what the data support (default); kannala has a single viewpoint",
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help=f"folder for the results (default: {DEFAULT_OUTPUT}, numbered where it is taken)",
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace earlier results in DIR")
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    parser.add_argument(
+        "--passes", type=int, choices=(1, 2), default=2, help="2 looks again where the first fit expects the target"
+    )
+    structure = parser.add_argument_group("what is estimated (with --model auto, what you leave open is decided by data)")
+    structure.add_argument("--terms", type=int, metavar="N", help="terms of the entrance pupil's series")
+    structure.add_argument("--lens", default="kannala_brandt", choices=list(LENSES), help="the central lens r(θ)")
+    action = argparse.BooleanOptionalAction
+    structure.add_argument("--skew", action=action, help="skew of the pixel axes")
+    structure.add_argument("--tangential", action=action, help="decentering p1, p2")
+    structure.add_argument("--tilt", action=action, help="tilt of the sensor")
+    structure.add_argument("--board-warp", action=action, help="bow of the target")
+    structure.add_argument(
+        "--disc-centers",
+        default="unbiased",
+        choices=("unbiased", "naive"),
+        help="naive takes a projected disc's centre of gravity for the image of its centre, to compare",
+    )
+    structure.add_argument(
+        "--svp-distance",
+        type=float,
+        default=float("inf"),
+        metavar="METRES",
+        help="distance at which the single-viewpoint camera of CameraInfo is best (default: infinity)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if not arguments.svp_distance > 0:
+        raise InputError("--svp-distance must be positive")
+    output = _free_folder(arguments.output)
+    reports, failures = {}, []
+    with camera_sources(arguments) as (cameras, look_again):
+        _refuse_overwriting(output, cameras, arguments.overwrite)
+        for camera in cameras:
+            try:
+                camera, result, seconds = _calibrate(camera, look_again, arguments)
+                path = _save(output, camera, result)
+                reports[camera.name] = calibration_json(camera, result, seconds, path)
+                print(calibration_text(camera, result, path), file=sys.stderr if arguments.json else sys.stdout)
+                if not result.converged:
+                    raise CalibrationError(f"the fit did not converge; its best state is in {path}")
+            except CalibrationError as error:
+                if len(cameras) == 1:
+                    raise
+                failures.append(error)
+                print(f"{camera.name}: error: {error}", file=sys.stderr)
+    if arguments.json:
+        print(json.dumps({"cameras": reports}, ensure_ascii=False))
+    return max((error.exit_code for error in failures), default=0)
+
+
+def _calibrate(camera: CameraSource, look_again, arguments: argparse.Namespace):
+    """The camera's source after its last pass, its result, and the seconds of every step."""
+    options = {
+        name: getattr(arguments, name)
+        for name in ("terms", "lens", "skew", "tangential", "tilt", "board_warp", "disc_centers", "svp_distance")
+    }
+    result = calibrate(camera.observations, arguments.model, **options)
+    seconds = {**camera.seconds, **result.seconds}
+    if arguments.passes == 1 or look_again is None:
+        return camera, result, seconds
+    poses = dict(zip(result.view_images.tolist(), result.camera_from_target, strict=True))
+    again = look_again([Guide(camera.run, result.camera, poses)])[camera.name]
+    result = calibrate(again.observations, arguments.model, **options)
+    for step, value in {**again.seconds, **result.seconds}.items():
+        seconds[step] += value
+    return again, result, seconds
+
+
+def _free_folder(given: Path | None) -> Path:
+    """The folder given, or the first of calibration, calibration_2, … that is not there yet."""
+    if given is not None:
+        return given
+    number, folder = 1, Path(DEFAULT_OUTPUT)
+    while folder.exists():
+        number += 1
+        folder = Path(f"{DEFAULT_OUTPUT}_{number}")
+    return folder
+
+
+def _refuse_overwriting(output: Path, cameras: list[CameraSource], overwrite: bool) -> None:
+    if overwrite:
+        return
+    for camera in cameras:
+        if (output / f"{camera.name}.yaml").exists():
+            raise InputError(f"{output / camera.name}.yaml is there already; give another --output, or --overwrite")
+
+
+def _save(output: Path, camera: CameraSource, result: CalibrationResult) -> Path:
+    """Write the observations, then the camera file; one that did not converge is marked by its name."""
+    folder = output / "observations"
+    folder.mkdir(parents=True, exist_ok=True)
+    save_observations(folder / f"{camera.name}.npz", camera.observations)
+    path = output / (f"{camera.name}.yaml" if result.converged else f"{camera.name}.not_converged.yaml")
+    save_camera(path, result, camera.name, camera.source)
+    return path

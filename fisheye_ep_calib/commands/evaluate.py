@@ -1,0 +1,58 @@
+"""fisheye_ep_calib evaluate: a camera file measured on other images."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from fisheye_ep_calib.calibration.evaluation import Evaluation, evaluate_camera
+from fisheye_ep_calib.commands.sources import add_source_arguments, camera_sources
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.camera_file import read_camera_file
+
+DESCRIPTION = "Measure a camera file on a recording: every view's pose is refitted, the camera stays as it is."
+EPILOG = """example:
+  fisheye_ep_calib evaluate calibration/front.yaml other_recording.mcap --target board.yaml
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("camera", type=Path, metavar="CAMERA.yaml")
+    add_source_arguments(parser, many=False)
+    parser.add_argument("--board-warp", action="store_true", help="bend the target as the camera file says it is bent")
+    parser.add_argument("--disc-centers", default="unbiased", choices=("unbiased", "naive"), help=argparse.SUPPRESS)
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    file = read_camera_file(arguments.camera)
+    with camera_sources(arguments) as (cameras, _):
+        if len(cameras) != 1:
+            raise InputError("one camera at a time: give one --topic")
+        observations = cameras[0].observations
+    found = evaluate_camera(
+        file.camera, observations, file.board_warp if arguments.board_warp else None, arguments.disc_centers
+    )
+    names = observations.image_names
+    failed = {names[image]: reason for image, reason in found.failed.items()}
+    for name, reason in failed.items():
+        print(f"{name}: {reason}", file=sys.stderr)
+    if arguments.json:
+        print(json.dumps(_json(found, failed)))
+        return 0
+    print(f"{len(found.images)} views, {found.points} points; {len(failed)} views without a pose")
+    print(f"RMS {found.rms_px:.4f} px, median {found.median_px:.4f} px, 95 % below {found.p95_px:.4f} px")
+    return 0
+
+
+def _json(found: Evaluation, failed: dict[str, str]) -> dict:
+    return {
+        "rms_px": found.rms_px,
+        "median_px": found.median_px,
+        "p95_px": found.p95_px,
+        "views": len(found.images),
+        "points": found.points,
+        "failed_views": list(failed),
+    }

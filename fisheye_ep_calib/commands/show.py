@@ -1,0 +1,86 @@
+"""fisheye_ep_calib show: what a camera file says."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.uncertainty import pupil_sigma, radius_sigma
+from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+
+DESCRIPTION = "Print a camera file: intrinsics, entrance pupil E(θ) and image radius r(θ) with their 1σ bands."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("camera", type=Path, metavar="CAMERA.yaml")
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    file = read_camera_file(arguments.camera)
+    content = camera_json(file)
+    print(json.dumps(content, ensure_ascii=False) if arguments.json else _text(file, content))
+    return 0
+
+
+def camera_json(file: CameraFile) -> dict:
+    """Everything ``show --json`` prints; tables at whole degrees up to theta_max."""
+    camera, covariance = file.camera, file.covariance
+    degrees = np.arange(int(np.floor(np.degrees(camera.theta_max) + 1e-9)) + 1)
+    theta = np.radians(degrees)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
+    return {
+        "name": file.name,
+        "model": camera.model,
+        "lens": camera.lens,
+        "image_size": list(camera.image_size),
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "skew": camera.skew,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "radial": list(camera.radial),
+        **{name: list(values) for name, values in camera.extras.items()},
+        "coefficients": list(camera.coefficients),
+        "theta_max_deg": float(np.degrees(camera.theta_max)),
+        "parameters": list(camera.parameter_names),
+        "sigma": sigma.tolist(),
+        "theta_deg": degrees.tolist(),
+        "E_m": camera.entrance_pupil(theta).tolist(),
+        "E_sigma_m": pupil_sigma(camera, covariance, theta).tolist(),
+        "r_px": (camera.fx * camera.radius(theta)).tolist(),
+        "r_sigma_px": radius_sigma(camera, covariance, theta).tolist(),
+        "svp": {
+            "distance": file.stand_in_distance if np.isfinite(file.stand_in_distance) else "inf",
+            "loss_px": {str(key): value for key, value in file.stand_in_loss_px.items()},
+        },
+        "calibration": file.calibration,
+    }
+
+
+def _text(file: CameraFile, content: dict) -> str:
+    camera = file.camera
+    width, height = camera.image_size
+    lines = [f"{file.name}: {width}×{height} px, model {camera.model}, lens {camera.lens}"]
+    values = zip(camera.parameter_names, camera.parameters, content["sigma"], strict=True)
+    for name, value, sigma in values:
+        pupil = name in [f"e{i + 1}" for i in range(len(camera.coefficients))]
+        scale, unit = (1e3, " mm") if pupil else (1, " px") if name in ("fx", "fy", "skew", "cx", "cy") else (1, "")
+        lines.append(f"  {name:<6}{scale * value:>13.5f} ± {scale * sigma:.5f}{unit}")
+    lines.append(f"  {'θ':>5} {'E mm':>10} {'± mm':>9} {'r px':>11} {'± px':>8}")
+    rows = zip(content["theta_deg"], content["E_m"], content["E_sigma_m"], content["r_px"], content["r_sigma_px"],
+               strict=True)
+    for degrees, shift, shift_sigma, radius, radius_sigma_px in rows:
+        if degrees % 5 == 0:
+            lines.append(
+                f"  {degrees:>4}° {1e3 * shift:>10.4f} {1e3 * shift_sigma:>9.4f} {radius:>11.3f} {radius_sigma_px:>8.3f}"
+            )
+    losses = ", ".join(f"{value:.2f} px at {key} m" for key, value in content["svp"]["loss_px"].items())
+    if losses:
+        lines.append(f"  a single-viewpoint consumer of CameraInfo loses {losses}")
+    for key, value in file.calibration.items():
+        lines.append(f"  {key}: {value}")
+    return "\n".join(lines)

@@ -1,0 +1,150 @@
+"""From SOURCE arguments to one set of observations a camera, for every command that takes them."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.simulation.sequence import usable_cores
+from fisheye_ep_calib.storage.observation_file import load_observations
+from fisheye_ep_calib.storage.recording import Recording, choose_topics, open_recording
+from fisheye_ep_calib.target import Target, load_target
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+
+@dataclass(frozen=True)
+class CameraSource:
+    """One camera's observations and where they came from.
+
+    seconds: spent in "read" and "detect". unused_views: image name → why it is no view. run: None for a file.
+    """
+
+    name: str
+    observations: Observations
+    source: str
+    seconds: dict[str, float] = field(default_factory=lambda: {"read": 0.0, "detect": 0.0})
+    unused_views: dict[str, str] = field(default_factory=dict)
+    run: DetectionRun | None = None
+
+
+def add_source_arguments(parser: argparse.ArgumentParser, many: bool) -> None:
+    """The arguments that ``camera_sources`` reads."""
+    kinds = "a bag (rosbag2 folder, .mcap, .db3, ROS 1 .bag), a folder of images, or an observation file .npz"
+    parser.add_argument("source", nargs="+" if many else 1, metavar="SOURCE", help=kinds)
+    parser.add_argument("--target", type=Path, metavar="TARGET.yaml", help="the target; an .npz needs none")
+    parser.add_argument(
+        "--topic",
+        action="append",
+        default=[],
+        metavar="NAME=TOPIC",
+        help="image topic of camera NAME; repeat for several cameras",
+    )
+    parser.add_argument("--split", help="of an observation file, only the images with this mark, such as train")
+    looking = parser.add_argument_group("which images to look at")
+    looking.add_argument("--max-views", type=int, default=150, metavar="N", help="at most N a camera (default: 150)")
+    looking.add_argument("--every", type=int, metavar="N", help="every N-th image, whatever it shows")
+    looking.add_argument("--all", action="store_true", help="every image")
+    looking.add_argument("--strict", action="store_true", help="refuse damaged recordings and images")
+    looking.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+
+
+@contextmanager
+def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraSource], Callable | None]]:
+    """Every camera's observations, and ``look_again(guides)`` where there are images to look at again."""
+    paths = [Path(path) for path in arguments.source]
+    files = [path for path in paths if path.suffix == ".npz"]
+    if files and len(files) < len(paths):
+        raise InputError("give observation files or recordings, not both at once")
+    if files:
+        yield [_from_file(path, arguments.split) for path in files], None
+        return
+    if arguments.target is None:
+        raise InputError("images need --target TARGET.yaml, which says what to look for")
+    target = load_target(arguments.target)
+    began = time.perf_counter()
+    with open_recording(arguments.source, strict=arguments.strict) as recording:
+        for problem in recording.problems:
+            print(f"warning: {problem}", file=sys.stderr)
+        topics = _named_topics(recording, arguments.topic)
+        workers = usable_cores() if arguments.workers is None else arguments.workers
+        choice = FrameChoice(arguments.max_views, 1 if arguments.all else arguments.every)
+        with Collector(
+            recording, target, workers=0 if workers == 1 else workers, strict=arguments.strict
+        ) as collector:
+            opened = time.perf_counter() - began
+            runs = collector.collect(tuple(topics.values()), choice)
+            source = ", ".join(map(str, paths))
+            cameras = [_from_run(name, runs[topic], target, source) for name, topic in topics.items()]
+            cameras = [replace(one, seconds={**one.seconds, "read": one.seconds["read"] + opened}) for one in cameras]
+
+            def look_again(guides):
+                refined = collector.refine(guides)
+                return {name: _from_run(name, refined[topic], target, source) for name, topic in topics.items()
+                        if topic in refined}
+
+            yield cameras, look_again
+
+
+def _from_file(path: Path, split: str | None) -> CameraSource:
+    began = time.perf_counter()
+    observations = load_observations(path)
+    if split is not None:
+        if observations.split is None:
+            raise InputError(f"{path} marks no image as {split}: it has no split")
+        observations = observations.select_images(np.flatnonzero(observations.split == split))
+        if len(observations.pixels) == 0:
+            raise InputError(f"{path} marks no image as {split}")
+    read = {"read": time.perf_counter() - began, "detect": 0.0}
+    return CameraSource(safe_name(path.stem), observations, str(path), read)
+
+
+def _from_run(name: str, run: DetectionRun, target: Target, source: str) -> CameraSource:
+    print(run.summary(), file=sys.stderr)
+    return CameraSource(
+        name,
+        run.observations(target.object_points, target.disc_radius),
+        source,
+        {"read": run.read_seconds, "detect": run.detect_seconds},
+        run.unused,
+        run,
+    )
+
+
+def _named_topics(recording: Recording, given: list[str]) -> dict[str, str]:
+    """Camera name → topic, from NAME=TOPIC or TOPIC arguments, or the only image topic."""
+    named = {}
+    for text in given:
+        name, equals, topic = text.rpartition("=")
+        name = name if equals else camera_name(topic)
+        if not _NAME.fullmatch(name):
+            raise InputError(f"--topic {text}: a camera's name is made of letters, digits and _ . -")
+        if name in named:
+            raise InputError(f"--topic {text}: there are two cameras called {name}")
+        named[name] = topic
+    topics = choose_topics(recording, tuple(named.values()))
+    return named or {camera_name(topics[0]): topics[0]}
+
+
+def camera_name(topic: str) -> str:
+    """A camera's name from its image topic: /front/image_raw is front."""
+    parts = [part for part in topic.split("/") if part]
+    while len(parts) > 1 and parts[-1] in ("image_raw", "image", "image_mono", "image_color", "compressed"):
+        parts.pop()
+    return safe_name("_".join(parts))
+
+
+def safe_name(text: str) -> str:
+    """A name that is safe as a file's."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("._-") or "camera"
