@@ -94,6 +94,7 @@ class Collector:
                     planned = {
                         topic: closer_look(self._signatures(seen[topic]), counts[topic], choice) for topic in topics
                     }
+                progress.total = progress.n  # the rest of what was expected promised nothing new
             except KeyboardInterrupt:
                 interrupted = True
                 self._workers.close()
