@@ -9,12 +9,11 @@ from typing import Any
 
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.announcer import Announcer
-from fisheye_ep_calib.live.calibration_job import Outcome, calibrate_views
 from fisheye_ep_calib.live.frame import RawFrame, Sighting, detect_in_frame
+from fisheye_ep_calib.live.outcome import Outcome, calibrate_views
 from fisheye_ep_calib.live.session import CameraSession, Verdict
 from fisheye_ep_calib.live.settings import Settings, Tuning
 from fisheye_ep_calib.live.work_pool import Task, WorkPool
-from fisheye_ep_calib.storage.atomic import atomic_write
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class Answer:
 
 
 class LiveCalibrator:
-    """Any number of cameras behind one pool of workers. Every method returns at once unless it says otherwise."""
+    """Any number of cameras behind one pool of workers. Methods return at once unless they say otherwise."""
 
     def __init__(
         self,
@@ -35,25 +34,29 @@ class LiveCalibrator:
         announcer: Announcer,
         on_result: Callable[[str, Outcome | None], None],
     ) -> None:
-        """on_result: told (camera, outcome) when a calibration comes into force, None when it is reset.
+        """on_result: told (camera, outcome) when a calibration comes into force, None when there is none more.
 
         Raises InputError where an earlier run's views cannot be taken up.
         """
         self._announcer = announcer
         self._on_result = on_result
         self._tuning = tuning
-        self._settings = {camera.name: camera for camera in settings.cameras}
+        self._models = {camera.name: camera.model for camera in settings.cameras}
         self._automatic: dict[str, int] = {}  # views that each camera's last automatic calibration had
         self._stopping = threading.Event()
+        # A camera without a target is published and nothing else.
         self.sessions = {
-            camera.name: CameraSession(camera.name, camera.target, settings.output_directory, tuning.limits)
+            camera.name: CameraSession(
+                camera.name, camera.target, settings.output_directory, tuning.limits, camera.initial
+            )
             for camera in settings.cameras
+            if camera.target is not None
         }
         for name, session in self.sessions.items():
             resumed = session.start(settings.resume)
             if resumed:
                 announcer.info(f"{name}: going on with {resumed} views from {session.observation_file}")
-        self._pool = WorkPool(settings.workers, on_error=lambda text: announcer.warn_once("pool", text))
+        self._pool = WorkPool(settings.workers, on_error=self._task_failed)
         for name in self.sessions:
             self._calibrate_if_due(name)
 
@@ -65,10 +68,12 @@ class LiveCalibrator:
 
     def offer(self, name: str, message: Any, frame_name: str) -> None:
         """Take a camera's newest image message; one that nobody looked at yet is dropped for it."""
-        session, target = self.sessions[name], self._settings[name].target
+        session = self.sessions.get(name)
+        if session is None:
+            return
         task = Task(
             detect_in_frame,
-            lambda: (RawFrame.from_message(message, frame_name), target),
+            lambda: (RawFrame.from_message(message, frame_name), session.target),
             lambda sighting, error: self._searched(session, sighting, error),
         )
         dropped = self._pool.offer_frame(name, task)
@@ -76,8 +81,8 @@ class LiveCalibrator:
 
     def calibrate(self) -> Answer:
         """Calibrate every camera from all its views and wait for the results."""
-        waiting = {name: self._queue_calibration(name) for name in self.sessions}
-        return _together([answer.wait(self._stopping) for answer in waiting.values()])
+        waiting = [self._queue_calibration(name, asked=True) for name in self.sessions]
+        return _together([promise.wait(self._stopping) for promise in waiting])
 
     def save(self) -> Answer:
         """Write every camera's views and calibration again; waits for the disk."""
@@ -90,10 +95,10 @@ class LiveCalibrator:
             try:
                 forgotten = session.reset()
             except CalibrationError as error:
-                answers.append(Answer(False, str(error)))
+                answers.append(Answer(False, f"{name}: {error}"))
                 continue
             self._automatic.pop(name, None)
-            self._on_result(name, None)
+            self._on_result(name, session.outcome)
             self._announcer.over(f"{name} size")
             answers.append(Answer(True, f"{name}: {forgotten} views set aside"))
         return _together(answers)
@@ -109,6 +114,9 @@ class LiveCalibrator:
         self._stopping.set()
         self._pool.stop()
         self.retry_writing()
+
+    def _task_failed(self, text: str) -> None:
+        self._announcer.warn_once("pool", f"this should not happen: {text}")
 
     def _searched(
         self, session: CameraSession, sighting: Sighting | None, error: CalibrationError | None
@@ -145,19 +153,19 @@ class LiveCalibrator:
         due = max(tuning.minimum_views, int(1.2 * self._automatic.get(name, 0)) + 1)
         if tuning.auto_calibrate and views >= due:
             self._automatic[name] = views
-            self._queue_calibration(name)
+            self._queue_calibration(name, asked=False)
 
-    def _queue_calibration(self, name: str) -> _Promise:
-        session, camera = self.sessions[name], self._settings[name]
+    def _queue_calibration(self, name: str, asked: bool) -> _Promise:
+        session, model = self.sessions[name], self._models[name]
         promise = _Promise()
         generation = session.generation
 
         def arguments() -> tuple:
-            return session.observations(), camera.model, name
+            return session.observations(), model, name, str(session.observation_file)
 
         def done(outcome: Outcome | None, error: CalibrationError | None) -> None:
             try:
-                promise.answer = self._calibrated(session, outcome, error, generation)
+                promise.answer = self._calibrated(session, outcome, error, generation, asked)
             finally:
                 promise.ready.set()
 
@@ -170,14 +178,17 @@ class LiveCalibrator:
         outcome: Outcome | None,
         error: CalibrationError | None,
         generation: int,
+        asked: bool,
     ) -> Answer:
-        name = session.name
+        name, before = session.name, session.outcome
         if outcome is None:
             self._announcer.warn_once(f"{name} calibration", f"{name}: not calibrated: {error}")
             return Answer(False, f"{name}: {error}")
+        self._announcer.over(f"{name} calibration")
+        if before is not None and not asked and outcome.worse_than(before):
+            return Answer(True, f"{name}: the calibration from fewer views knows more; it stays")
         if not session.adopt(outcome, generation):
             return Answer(False, f"{name}: its views were reset meanwhile")
-        self._announcer.over(f"{name} calibration")
         self._on_result(name, outcome)
         answer = self._save(session)
         self._announcer.info(answer.text)
@@ -186,10 +197,11 @@ class LiveCalibrator:
     def _save(self, session: CameraSession, again: bool = False) -> Answer:
         name, views, outcome = session.name, len(session.views), session.outcome
         if not self._write(session, again):
-            return Answer(False, f"{name}: not written, {self._announcer.standing()[f'{name} disk']}")
-        if outcome is None:
+            return Answer(False, f"{name}: not written; all stays in memory and writing is tried again")
+        if outcome is None or not session.calibrated:
             return Answer(True, f"{name}: {views} views in {session.observation_file}, not calibrated yet")
-        return Answer(True, f"{name}: {_numbers(outcome.result)}, in {session.camera_file}")
+        numbers = "{model}, RMS {rms_px:.3f} px, {views_used} views, {points} points".format(**outcome.figures)
+        return Answer(True, f"{name}: {numbers}, in {session.camera_file}")
 
     def _write(self, session: CameraSession, again: bool = False) -> bool:
         try:
@@ -219,11 +231,6 @@ class _Promise:
 
 
 def _together(answers: list[Answer]) -> Answer:
+    if not answers:
+        return Answer(False, "no camera has a target: they are only published")
     return Answer(all(answer.success for answer in answers), "; ".join(answer.text for answer in answers))
-
-
-def _numbers(result: Any) -> str:
-    """A calibration in figures."""
-    return (
-        f"{result.camera.model}, RMS {result.rms_px:.3f} px, {result.views} views, {result.points} points"
-    )

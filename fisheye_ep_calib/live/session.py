@@ -10,8 +10,8 @@ from pathlib import Path
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.view_selection import Novelty, is_new, view_signature
 from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.live.calibration_job import Outcome
 from fisheye_ep_calib.live.frame import Sighting
+from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.view_store import View, ViewStore
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.target import Target
@@ -50,7 +50,15 @@ class Counters:
 class CameraSession:
     """Everything known about one camera; safe to use from several threads."""
 
-    def __init__(self, name: str, target: Target, folder: Path, limits: Limits | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        target: Target,
+        folder: Path,
+        limits: Limits | None = None,
+        initial: Outcome | None = None,
+    ) -> None:
+        """initial: a calibration made before, in force until there is a better one and after a reset."""
         self.name = name
         self.target = target
         self.camera_file = folder / f"{name}.yaml"
@@ -58,7 +66,7 @@ class CameraSession:
         self._store = ViewStore(folder / f"{name}.npz", target)
         self._lock = threading.RLock()
         self._counters = Counters()
-        self._outcome: Outcome | None = None
+        self._initial = self._outcome = initial
         self._outcome_unwritten = False
         self._generation = 0
 
@@ -142,6 +150,11 @@ class CameraSession:
             raise CalibrationError("no view of the target yet")
         return observations
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether the calibration in force comes from this session's views."""
+        return self._outcome is not self._initial
+
     def adopt(self, outcome: Outcome, generation: int) -> bool:
         """Put a calibration into force; False where the views it came from were thrown away meanwhile."""
         with self._lock:
@@ -154,7 +167,7 @@ class CameraSession:
         """Write what is not on disk yet; ``again``: also what is. Raises CalibrationError."""
         with self._lock:
             self._store.write(again)
-            if self._outcome is not None and (again or self._outcome_unwritten):
+            if self._outcome is not None and (self._outcome_unwritten or (again and self.calibrated)):
                 atomic_write(self.camera_file, self._outcome.yaml.encode())
             self._outcome_unwritten = False
 
@@ -166,6 +179,6 @@ class CameraSession:
         with self._lock:
             forgotten = len(self._store.views)
             self._generation += 1
-            self._outcome, self._outcome_unwritten = None, False
+            self._outcome, self._outcome_unwritten = self._initial, False
             self._store.set_aside()
             return forgotten

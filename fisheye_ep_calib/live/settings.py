@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.session import Limits
 from fisheye_ep_calib.target import Target
 
@@ -13,17 +14,17 @@ from fisheye_ep_calib.target import Target
 class CameraSettings:
     """One camera.
 
-    topic: of its images, without the transport's suffix. compressed: sensor_msgs/CompressedImage at topic/compressed.
-    camera_file: an existing camera to publish from the start, or None.
+    topic: of its images, without the transport's suffix; compressed ones come on topic/compressed.
+    target: what it sees; None where the camera is only published. initial: a camera to publish from the start.
     camera_info_topic, set_camera_info_service: where a camera driver has them.
     """
 
     name: str
     topic: str
     compressed: bool
-    target: Target
+    target: Target | None
     model: str
-    camera_file: Path | None
+    initial: Outcome | None
     camera_info_topic: str
     set_camera_info_service: str
 

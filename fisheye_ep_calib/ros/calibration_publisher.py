@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header, String
 
-from fisheye_ep_calib.live.calibration_job import Outcome
+from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.camera_info_message import camera_info_message
 

@@ -12,8 +12,8 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from fisheye_ep_calib.live.announcer import Announcer
-from fisheye_ep_calib.live.calibration_job import Outcome
 from fisheye_ep_calib.live.calibrator import Answer, LiveCalibrator
+from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.calibration_publisher import CalibrationPublisher
 from fisheye_ep_calib.ros.calibrator_parameters import declare, tuning
@@ -54,6 +54,8 @@ class CalibratorNode:
         self._publishers = {
             camera.name: CalibrationPublisher(self.node, camera) for camera in settings.cameras
         }
+        for camera in settings.cameras:
+            self._publishers[camera.name].update(camera.initial)
         self._live = LiveCalibrator(settings, tuning(self._parameters), announcer, self._publish)
         self._intakes = [self._intake(camera) for camera in settings.cameras]
         self.node.add_post_set_parameters_callback(self._retune)

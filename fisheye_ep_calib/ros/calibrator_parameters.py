@@ -9,6 +9,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 
 from fisheye_ep_calib.calibration.view_selection import Novelty
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.live.outcome import Outcome, outcome_of_file
 from fisheye_ep_calib.live.session import Limits
 from fisheye_ep_calib.live.settings import CameraSettings, Settings, Tuning
 from fisheye_ep_calib.ros.parameter_table import Entry, ParameterTable
@@ -36,7 +37,7 @@ CAMERA = (
     Entry("transport", "raw", "sensor_msgs/Image or CompressedImage.", choices=("raw", "compressed")),
     Entry("target", "", "Target file (YAML) of this camera."),
     Entry("model", "", "Camera model to fit.", choices=("", *MODELS)),
-    Entry("camera_file", "", "An existing camera YAML, published until there is a better one."),
+    Entry("camera_file", "", "An existing camera YAML to publish; without a target that is all there is to do."),
     Entry("camera_info_topic", "", "Where to publish CameraInfo; default beside the image topic."),
     Entry("set_camera_info", "", "The driver's service for ~/commit; default beside the image topic."),
 )
@@ -89,17 +90,28 @@ def _camera(table: ParameterTable, name: str) -> CameraSettings:
         name=name,
         topic=topic,
         compressed=compressed,
-        target=_target(table, name),
+        target=_target(table, name, needed=not camera_file),
         model=table[f"{name}.model"] or table["model"],
-        camera_file=Path(camera_file).expanduser() if camera_file else None,
+        initial=_initial(name, camera_file),
         camera_info_topic=table[f"{name}.camera_info_topic"] or beside + "camera_info",
         set_camera_info_service=table[f"{name}.set_camera_info"] or beside + "set_camera_info",
     )
 
 
-def _target(table: ParameterTable, camera: str) -> Target:
+def _initial(camera: str, path: str) -> Outcome | None:
+    if not path:
+        return None
+    try:
+        return outcome_of_file(Path(path).expanduser())
+    except InputError as error:
+        raise InputError(f"parameter {camera}.camera_file: {error}") from None
+
+
+def _target(table: ParameterTable, camera: str, needed: bool) -> Target | None:
     """A camera's target; a bare file name is also looked for among the targets that come with the package."""
     key = f"{camera}.target" if table[f"{camera}.target"] else "target"
+    if not table[key] and not needed:
+        return None
     if not table[key]:
         raise InputError(f"parameter {camera}.target: say which target file (YAML) the camera sees")
     path = Path(table[key]).expanduser()

@@ -10,8 +10,8 @@ import pytest
 
 from fisheye_ep_calib.calibration.view_selection import Novelty
 from fisheye_ep_calib.errors import CalibrationError, InputError
-from fisheye_ep_calib.live.calibration_job import Outcome
 from fisheye_ep_calib.live.frame import Sighting
+from fisheye_ep_calib.live.outcome import outcome_of_file
 from fisheye_ep_calib.live.session import CameraSession, Limits, Verdict
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.target import Detection, parse_target
@@ -29,6 +29,18 @@ def sighting(column: int, row: int = 0, name: str = "", size: tuple[int, int] = 
 
 def session(folder: Path, **limits) -> CameraSession:
     return CameraSession("front", TARGET, folder, Limits(**limits))
+
+
+def written_camera(folder: Path) -> Path:
+    """A camera_info YAML such as camera_calibration writes."""
+    matrix = "{rows: 3, cols: 3, data: [300, 0, 640, 0, 300, 400, 0, 0, 1]}"
+    path = folder / "before.yaml"
+    path.write_text(
+        f"camera_name: front\nimage_width: {SIZE[0]}\nimage_height: {SIZE[1]}\ncamera_matrix: {matrix}\n"
+        "distortion_model: equidistant\n"
+        "distortion_coefficients: {rows: 1, cols: 4, data: [0.01, 0, 0, 0]}\n"
+    )
+    return path
 
 
 def test_a_kept_view_is_on_disk_when_it_is_reported(tmp_path: Path) -> None:
@@ -106,7 +118,7 @@ def test_a_result_of_views_that_are_gone_is_not_adopted(tmp_path: Path) -> None:
     camera.consider(sighting(0))
     generation = camera.generation
     camera.reset()
-    outcome = Outcome(result=None, yaml="camera_name: front\n", info=None)
+    outcome = outcome_of_file(written_camera(tmp_path))
     assert not camera.adopt(outcome, generation)
     assert camera.adopt(outcome, camera.generation)
     camera.write()

@@ -1,0 +1,92 @@
+"""What a calibration comes to: the camera, its file, its CameraInfo and the figures that are told about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
+from fisheye_ep_calib.calibration.uncertainty import projection_uncertainty, pupil_sigma
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
+from fisheye_ep_calib.storage.camera_info import PlainCameraInfo, plain_camera_info
+
+PUPIL_ANGLES = (30, 60, 80)  # degrees at which E(θ) and its band are told
+DISTANCES = (0.15, 10.0)  # metres at which the projection's uncertainty is taken
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """yaml: the camera's file. figures: JSON-ready; those of a calibration have more than those of a file.
+
+    uncertainty_px: RMS over the field of the projection's standard deviation, px per axis; NaN where unknown.
+    """
+
+    camera: FisheyeCamera
+    yaml: str
+    info: PlainCameraInfo
+    figures: dict[str, Any]
+    uncertainty_px: float = np.nan
+
+    def worse_than(self, other: Outcome) -> bool:
+        """Whether a calibration from more views knows clearly less than an earlier one of the same model.
+
+        Of another model it is taken: what more views decide about the model weighs more.
+        """
+        return self.camera.model == other.camera.model and self.uncertainty_px > 1.1 * other.uncertainty_px
+
+
+def calibrate_views(observations: Observations, model: str, name: str, source: str) -> Outcome:
+    """Calibrate camera ``name``; what a worker process runs. Raises CalibrationError."""
+    result = calibrate(observations, model=model)
+    spread = uncertainty_px(result)
+    return Outcome(
+        camera=result.camera,
+        yaml=camera_yaml(result, name, source),
+        info=plain_camera_info(result.stand_in.camera),
+        figures=_figures(result, spread),
+        uncertainty_px=spread,
+    )
+
+
+def outcome_of_file(path: Path) -> Outcome:
+    """An existing camera file, to publish as it is. Raises InputError."""
+    file = read_camera_file(path)
+    figures = {"model": file.camera.model, "camera_file": str(path)}
+    return Outcome(file.camera, path.read_text(encoding="utf-8"), plain_camera_info(file.stand_in), figures)
+
+
+def uncertainty_px(result: CalibrationResult) -> float:
+    """RMS of the projection's standard deviation, px per axis, over the field that was seen, near and far."""
+    theta, azimuth = np.meshgrid(
+        np.linspace(0.05, 0.95, 10) * result.camera.theta_max, np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    )
+    directions = np.stack(
+        [np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], axis=-1
+    ).reshape(-1, 3)
+    points = np.concatenate([distance * directions for distance in DISTANCES])
+    sigma = projection_uncertainty(result.camera, result.uncertainty, result.fit.problem.free, points)
+    return float(np.sqrt(np.mean(sigma[np.isfinite(sigma)] ** 2)))
+
+
+def _figures(result: CalibrationResult, spread: float) -> dict[str, Any]:
+    angles = np.array([angle for angle in PUPIL_ANGLES if np.radians(angle) <= result.camera.theta_max])
+    theta = np.radians(angles)
+    shift = result.camera.entrance_pupil(theta)
+    sigma = pupil_sigma(result.camera, result.uncertainty.covariance, theta)
+    return {
+        "model": result.model,
+        "rms_px": round(result.rms_px, 4),
+        "views_used": result.views,
+        "points": result.points,
+        "uncertainty_px": round(spread, 4),
+        "entrance_pupil_supported": bool(result.entrance_pupil_supported),
+        "theta_max_deg": round(float(np.degrees(result.camera.theta_max)), 1),
+        "entrance_pupil_mm": {
+            str(angle): [round(1e3 * float(value), 4), round(1e3 * float(band), 4)]
+            for angle, value, band in zip(angles, shift, sigma, strict=True)
+        },
+    }

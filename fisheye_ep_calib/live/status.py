@@ -1,0 +1,96 @@
+"""Where a live calibration stands: what a user, a dashboard and a diagnostics viewer are told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from fisheye_ep_calib.live.session import CameraSession
+
+
+class Level(IntEnum):
+    """As in diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True)
+class Reception:
+    """How a camera's images arrive. seconds_silent: since the last one. delay: from its stamp to its arrival, s."""
+
+    topic: str
+    seconds_silent: float
+    delay: float
+    largest_delay: float
+
+
+@dataclass(frozen=True)
+class CameraStatus:
+    """One camera. message: one sentence. next: what the user should do. values: figures by name, JSON-ready."""
+
+    name: str
+    level: Level
+    message: str
+    next: str
+    values: dict[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "level": self.level.name,
+            "message": self.message,
+            "next": self.next,
+            **self.values,
+        }
+
+
+def camera_status(
+    session: CameraSession, reception: Reception, warnings: list[str], minimum_views: int, silence: float
+) -> CameraStatus:
+    """Status of one camera. warnings: texts that stand. silence: seconds after which a camera counts as silent."""
+    counters, views, outcome = session.counters, len(session.views), session.outcome
+    values: dict[str, Any] = {
+        "topic": reception.topic,
+        "received": counters.received,
+        "dropped": counters.dropped,
+        "unreadable": counters.unreadable,
+        "searched": counters.searched,
+        "found": counters.found,
+        "views": views,
+        "image_size": list(session.image_size) if session.image_size else None,
+        "delay_s": round(reception.delay, 4),
+        "largest_delay_s": round(reception.largest_delay, 4),
+        "unwritten": session.unwritten,
+        "calibrated": outcome is not None,
+        "warnings": warnings,
+    }
+    if outcome is not None:
+        values |= outcome.figures
+    silent = reception.seconds_silent > silence
+    if silent:
+        level, message = Level.STALE, f"no image on {reception.topic} for {reception.seconds_silent:.0f} s"
+    elif warnings:
+        level, message = Level.WARN, warnings[0]
+    elif outcome is None:
+        level, message = Level.OK, f"collecting, {views} views"
+    else:
+        level, message = Level.OK, f"calibrated from {outcome.figures['views_used']} of {views} views"
+    return CameraStatus(session.name, level, message, _next(session, silent, minimum_views), values)
+
+
+def _next(session: CameraSession, silent: bool, minimum_views: int) -> str:
+    """What would help most, in one sentence."""
+    views = len(session.views)
+    if silent:
+        return "start the camera"
+    if views == 0 and session.counters.found == 0:
+        return "hold the target before the camera"
+    if views < minimum_views:
+        return f"move and tilt the target: {minimum_views - views} more views are wanted"
+    if session.outcome is None:
+        return "call ~/calibrate, or go on moving the target"
+    return "show the target at the edge of the image, near and far, to sharpen the entrance pupil"
