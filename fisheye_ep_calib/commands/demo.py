@@ -27,6 +27,7 @@ from fisheye_ep_calib.simulation import (
     write_bag,
 )
 from fisheye_ep_calib.simulation.sequence import usable_cores
+from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.recording import open_recording
 
@@ -36,7 +37,7 @@ DESCRIPTION = (
 )
 CAMERAS = ("front", "rear")
 MODELS = ("kannala", "ep_odd")
-RATE = 2.0  # images a second of each camera: what the live node can look at, all of them
+RATE = 1.5  # images a second of each camera: slow enough for the live node to look at them all
 PUPIL_ANGLES = (30, 60, 75)  # degrees
 TARGET_YAML = """\
 # The paper's 11 × 7 discs. Lengths in metres.
@@ -96,8 +97,6 @@ def _render(bag: Path, cameras: dict[str, FisheyeCamera]) -> None:
 
 def _calibrate_bag(bag: Path, folder: Path) -> dict[str, dict[str, CalibrationResult]]:
     """Each camera's results by model; the entrance-pupil camera is saved as a camera file."""
-    from fisheye_ep_calib.storage.camera_file import save_camera
-
     target = paper_target()
     topics = {f"/{name}/image_raw": name for name in CAMERAS}
     results = {}
@@ -106,9 +105,9 @@ def _calibrate_bag(bag: Path, folder: Path) -> dict[str, dict[str, CalibrationRe
             print(run_.summary())
             name = topics[topic]
             observations: Observations = run_.observations(target.object_points, target.disc_radius)
-            save_observations(folder / f"{name}.npz", observations)
+            save_observations(folder / "observations" / f"{name}.npz", observations)
             results[name] = {model: calibrate(observations, model) for model in MODELS}
-            save_camera(folder / f"{name}.yaml", results[name]["ep_odd"], name)
+            save_camera(folder / f"{name}.yaml", results[name]["ep_odd"], name, str(bag))
     return results
 
 
@@ -168,7 +167,7 @@ def _closing(folder: Path, live: bool, seconds: float) -> None:
         "demo.mcap": "the images; plays with ros2 bag play",
         "target.yaml": "what was seen",
         "front.yaml, rear.yaml": "the cameras: CameraInfo for every ROS consumer, and the whole model",
-        "front.npz, rear.npz": "the detected points; calibrate them again without the images",
+        "observations/": "the detected points; calibrate them again without the images",
     }
     if live:
         files["live/"] = "the same, as the node wrote it"

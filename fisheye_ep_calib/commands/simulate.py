@@ -28,6 +28,7 @@ from fisheye_ep_calib.simulation import (
 from fisheye_ep_calib.simulation.evaluation_set import evaluation_set
 from fisheye_ep_calib.simulation.ray_traced_camera import laikin_camera
 from fisheye_ep_calib.simulation.scene_camera import SceneCamera
+from fisheye_ep_calib.storage.camera_file import load_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.target import Target, load_target
 
@@ -113,8 +114,6 @@ def _camera(text: str) -> tuple[str, SceneCamera]:
         raise InputError(f"--camera {text}: give NAME=CAMERA, the name of letters, digits and _")
     if source in BUILT_IN:
         return name, BUILT_IN[source]()
-    from fisheye_ep_calib.storage.camera_file import load_camera
-
     return name, load_camera(source)
 
 
