@@ -147,7 +147,7 @@ def adjust(
     tolerance: float = _CONVERGED,
     damping: float = 1e-4,
 ) -> Adjustment:
-    """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping rule; Madsen et al. 2004, algorithm 3.16).
+    """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping; Madsen et al. 2004, algorithm 3.16).
 
     Converged when the step's predicted decrease falls below tolerance × cost.
     """
@@ -163,11 +163,10 @@ def adjust(
         small = 0 <= step.predicted_decrease <= floor
         trial = stepped(problem, state, step)
         trial_equations = evaluate(problem, trial) if trial is not None else None
-        decrease = equations.cost - trial_equations.cost if trial_equations is not None else -np.inf
-        accepted = trial_equations is not None and trial_equations.valid and decrease > 0
-        if accepted:
+        accepted = trial_equations is not None and trial_equations.valid and trial_equations.cost < equations.cost
+        if accepted and trial is not None and trial_equations is not None:
+            gain = (equations.cost - trial_equations.cost) / step.predicted_decrease
             state, equations = trial, trial_equations
-            gain = decrease / step.predicted_decrease
             damping *= max(0.05, 1 - (2 * gain - 1) ** 3)
             damping, growth = max(damping, 1e-15), 4.0
         if small and damping < 1.0:

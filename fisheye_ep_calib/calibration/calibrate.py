@@ -115,9 +115,7 @@ def _side_by_side(fit: Fit) -> dict[str, Candidate]:
 
 
 def _comparison(one: Candidate) -> Comparison:
-    return Comparison(
-        one.structure.model, one.fit.rms_px, one.validation.rms_px, one.structure.parameter_count
-    )
+    return Comparison(one.structure.model, one.fit.rms_px, one.validation.rms_px, one.structure.parameter_count)
 
 
 def _evidence(fit: Fit) -> float:

@@ -147,17 +147,21 @@ def first_fit(sightings: Sightings, lens: str = "kannala_brandt", robust: bool =
     # Naive centres of discs serve well enough for a start.
     features = replace(sightings.features, disc_radius=None)
     problem = AdjustmentProblem(sightings.blocks, features, structure.free(camera))
-    rounds = 3 if robust else 1
-    adjustment = None
-    for _ in range(rounds):
-        if robust:
-            error, _, _ = residuals(problem, state, len(observations.pixels))
-            used = (observations.weights > 0) & np.isfinite(error[:, 0])
-            spread = robust_spread(np.hypot(error[used, 0], error[used, 1]))
-            problem = replace(problem, loss=Loss("cauchy", max(2 * spread, 1e-6)))
-        adjustment = adjust(problem, state, max_iterations=30, tolerance=_ROUGH)
-        state = adjustment.state
-    return Fit(structure, sightings, problem, adjustment)
+    if not robust:
+        return Fit(structure, sightings, problem, adjust(problem, state, max_iterations=30, tolerance=_ROUGH))
+    for _ in range(2):
+        problem = _cauchy(problem, state, observations)
+        state = adjust(problem, state, max_iterations=30, tolerance=_ROUGH).state
+    problem = _cauchy(problem, state, observations)
+    return Fit(structure, sightings, problem, adjust(problem, state, max_iterations=30, tolerance=_ROUGH))
+
+
+def _cauchy(problem: AdjustmentProblem, state: AdjustmentState, observations: Observations) -> AdjustmentProblem:
+    """The problem under a Cauchy loss at the scale of its present residuals."""
+    error, _, _ = residuals(problem, state, len(observations.pixels))
+    used = (observations.weights > 0) & np.isfinite(error[:, 0])
+    spread = robust_spread(np.hypot(error[used, 0], error[used, 1]))
+    return replace(problem, loss=Loss("cauchy", max(2 * spread, 1e-6)))
 
 
 def refine(start: Fit, structure: Structure, sightings: Sightings | None = None, loss: Loss = LINEAR) -> Fit:

@@ -41,9 +41,9 @@ def initial_guess(
     focal_lengths = largest / _THETA_GRID
     pixels, points, used = _sample(blocks)
     copies = len(focal_lengths)
-    rays = [equidistant_rays(pixels, centre, focal) for focal in focal_lengths]
+    trial_rays = [equidistant_rays(pixels, centre, focal) for focal in focal_lengths]
     _, error = _poses_and_errors(
-        np.concatenate(rays, axis=1),
+        np.concatenate(trial_rays, axis=1),
         np.tile(pixels, (1, copies, 1)),
         np.tile(points, (1, copies, 1)),
         np.tile(used, (copies, 1)),

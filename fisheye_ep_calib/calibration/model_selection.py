@@ -14,6 +14,7 @@ from fisheye_ep_calib.calibration.normal_equations import view_robust_covariance
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 
+_WARP = "board warp"
 _SIGNIFICANCE = 0.001  # of the nested test
 
 
@@ -109,17 +110,16 @@ def choose(start: Fit, base: Structure, search: Search, models: tuple[str, ...] 
     fitted = {model: candidate(start, replace(base, model=model)) for model in models}
     best = min(fitted.values(), key=lambda one: one.validation.rms_px)
     structure = best.structure
-    additions = [("board warp", {"board_warp": True})] if search.board_warp else []
-    additions += [(name, {"extras": (*structure.extras, name)}) for name in search.extras]
+    additions = [_WARP] * search.board_warp + list(search.extras)
     while additions:
-        tried = [(name, change, candidate(best.fit, replace(best.structure, **change))) for name, change in additions]
-        name, change, richer = min(tried, key=lambda one: one[2].validation.rms_px)
+        tried = {name: candidate(best.fit, _with_addition(best.structure, name)) for name in additions}
+        name, richer = min(tried.items(), key=lambda item: item[1].validation.rms_px)
         kept = supported(richer, best)
         reasons.append(_reason(name, richer, best, kept))
         if not kept:
             break
         best = richer
-        additions = [(other, changed) for other, changed in additions if other != name]
+        additions.remove(name)
     if search.skew and best.structure.skew:
         without = candidate(best.fit, replace(best.structure, skew=False))
         kept = supported(best, without)
@@ -133,6 +133,12 @@ def choose(start: Fit, base: Structure, search: Search, models: tuple[str, ...] 
             for model in models
         }
     return Choice(fitted, simplest_good(fitted), tuple(reasons))
+
+
+def _with_addition(structure: Structure, name: str) -> Structure:
+    if name == _WARP:
+        return replace(structure, board_warp=True)
+    return replace(structure, extras=(*structure.extras, name))
 
 
 def simplest_good(candidates: dict[str, Candidate]) -> Candidate:

@@ -72,9 +72,7 @@ class Observations:
         outside = (pixels < -0.5).any(axis=1) | (pixels > np.array([width, height]) - 0.5).any(axis=1)
         if outside.any():
             bad = int(np.flatnonzero(outside)[0])
-            raise InputError(
-                f"observation {bad} (image {image_index[bad]}) lies outside the {width}×{height} image"
-            )
+            raise InputError(f"observation {bad} (image {image_index[bad]}) lies outside the {width}×{height} image")
         pair = image_index * len(object_points) + point_index
         if len(np.unique(pair)) != count:
             raise InputError("an image lists the same point twice")

@@ -1,8 +1,8 @@
 """Wrong sightings: found against the richest camera, so that what a poor model cannot explain is not thrown away.
 
 The rule: fit the richest structure under a Cauchy loss, take σ per axis from the upper quartile of the residuals
-(real ones have heavier tails than their median tells), and leave out what lies beyond 6 σ; then fit again without it, until the set stays the same. A view that loses more than
-half of its points is left out whole.
+(real ones have heavier tails than their median tells), and leave out what lies beyond 6 σ; then fit again without
+it, until the set stays the same. A view that loses more than half of its points is left out whole.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What a camera predicts for a block of views, and its Jacobian by pose, camera and board warp.
 
-    P ← P + (Σ_i warp_i shape_i(P)) e_z      the target's bow, target frame (board_warp.py)
-    p = R P + t                              camera frame
-    feature = project(p), or the centre of gravity of the projected disc around P
+P ← P + (Σ_i warp_i shape_i(P)) e_z      the target's bow, target frame (board_warp.py)
+p = R P + t                              camera frame
+feature = project(p), or the centre of gravity of the projected disc around P
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from fisheye_ep_calib.calibration.board_warp import BoardFrame
 from fisheye_ep_calib.calibration.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.incidence import PupilRange
-from fisheye_ep_calib.camera.projection import project_coordinates
+from fisheye_ep_calib.camera.projection import NOT_COMPUTED, project_coordinates
 from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
 
 _BOUNDARY_SAMPLES = 8  # the centroid is then right to 1e-5 px
@@ -40,9 +40,9 @@ class Prediction:
     pixels: np.ndarray
     valid: np.ndarray
     theta: np.ndarray
-    d_pose: np.ndarray | None = None
-    d_camera: np.ndarray | None = None
-    d_warp: np.ndarray | None = None
+    d_pose: np.ndarray = NOT_COMPUTED
+    d_camera: np.ndarray = NOT_COMPUTED
+    d_warp: np.ndarray = NOT_COMPUTED
 
 
 def predict(
@@ -63,11 +63,9 @@ def predict(
         )
     edge = features.disc_radius * boundary_directions(_BOUNDARY_SAMPLES) @ features.board.axes[:, :2].T
     boundary = points[:, None] + np.moveaxis(edge, -1, 0)[:, :, None, None]
-    found = _predict_points(
-        camera, features, board_warp, camera_from_target, boundary, bounds, jacobian, warp_jacobian
-    )
+    found = _predict_points(camera, features, board_warp, camera_from_target, boundary, bounds, jacobian, warp_jacobian)
     pixels, d_samples = curve_centroid(found.pixels[0], found.pixels[1])
-    valid, theta = found.valid.all(axis=0), found.theta.mean(axis=0)
+    valid, theta = np.all(found.valid, axis=0), found.theta.mean(axis=0)
     if not jacobian:
         return Prediction(pixels, valid, theta)
     return Prediction(
@@ -76,7 +74,7 @@ def predict(
         theta,
         _contract(d_samples, found.d_pose),
         _contract(d_samples, found.d_camera),
-        _contract(d_samples, found.d_warp) if warp_jacobian else None,
+        _contract(d_samples, found.d_warp) if warp_jacobian else NOT_COMPUTED,
     )
 
 
@@ -85,9 +83,9 @@ def _contract(d_samples: np.ndarray, columns: np.ndarray) -> np.ndarray:
     result = np.empty((2, columns.shape[1], *columns.shape[3:]))
     for out in range(2):
         for column in range(columns.shape[1]):
-            result[out, column] = (
-                d_samples[out, 0] * columns[0, column] + d_samples[out, 1] * columns[1, column]
-            ).sum(axis=0)
+            result[out, column] = (d_samples[out, 0] * columns[0, column] + d_samples[out, 1] * columns[1, column]).sum(
+                axis=0
+            )
     return result
 
 
@@ -95,7 +93,7 @@ def _predict_points(
     camera, features, board_warp, camera_from_target, points, bounds, jacobian, warp_jacobian
 ) -> Prediction:
     """Points (3, ..., B, N) in the target frame through poses (B, 4, 4)."""
-    shapes = None
+    shapes = NOT_COMPUTED
     if warp_jacobian or np.any(board_warp):
         shapes = features.board.warp_shapes(points)
         height = np.tensordot(board_warp, shapes, axes=1)
@@ -103,8 +101,7 @@ def _predict_points(
     rotation = camera_from_target[:, :3, :3, None]
     offset = camera_from_target[:, :3, 3, None]
     rotated = [
-        rotation[:, i, 0] * points[0] + rotation[:, i, 1] * points[1] + rotation[:, i, 2] * points[2]
-        for i in range(3)
+        rotation[:, i, 0] * points[0] + rotation[:, i, 1] * points[1] + rotation[:, i, 2] * points[2] for i in range(3)
     ]
     x, y, z = (rotated[i] + offset[:, i] for i in range(3))
     found = project_coordinates(camera, x, y, z, bounds, jacobian)
@@ -118,9 +115,9 @@ def _predict_points(
         d_pose[row, 1] = rotated[2] * d_point[row, 0] - rotated[0] * d_point[row, 2]
         d_pose[row, 2] = rotated[0] * d_point[row, 1] - rotated[1] * d_point[row, 0]
     d_pose[:, 3:] = d_point
-    d_warp = None
+    d_warp = NOT_COMPUTED
     if warp_jacobian:
         normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
-        along = sum(d_point[:, i] * normal[:, i, None] for i in range(3))
+        along = (d_point * np.moveaxis(normal, -1, 0)[:, :, None]).sum(axis=1)
         d_warp = along[:, None] * shapes
     return Prediction(pixels, found.valid, found.theta, d_pose, found.d_parameters, d_warp)

@@ -15,9 +15,13 @@ _SAMPLES = 32  # a tenth of wrong sightings leaves no clean sample once in 1e10
 _SAMPLE_SIZE = {3: 6, 4: 8}  # sightings a sample, by the number of homogeneous coordinates
 
 
-
 def poses_from_rays(
-    rays: np.ndarray, object_points: np.ndarray, used: np.ndarray, board: BoardFrame, solutions: int = 4, robust: bool = False
+    rays: np.ndarray,
+    object_points: np.ndarray,
+    used: np.ndarray,
+    board: BoardFrame,
+    solutions: int = 4,
+    robust: bool = False,
 ) -> np.ndarray:
     """Poses camera_from_target (B, 4, 4).
 
@@ -69,9 +73,7 @@ def _smallest_solution(rays, homogeneous, used, solutions, robust):
 def _products(homogeneous):
     """The distinct entries of X Xᵀ, (B, D (D + 1) / 2, N)."""
     size = len(homogeneous)
-    return np.stack(
-        [homogeneous[i] * homogeneous[j] for i in range(size) for j in range(i, size)], axis=1
-    )
+    return np.stack([homogeneous[i] * homogeneous[j] for i in range(size) for j in range(i, size)], axis=1)
 
 
 def _projectors(rays):

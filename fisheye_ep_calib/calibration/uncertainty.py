@@ -114,9 +114,7 @@ def projection_uncertainty(
     _, _, d_point, d_parameters = camera.project_with_jacobian(points)
     x, y, z = (points[..., i] for i in range(3))
     zero = np.zeros_like(x)
-    turn = np.stack(
-        [np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=-2
-    )
+    turn = np.stack([np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=-2)
     motion = np.concatenate([d_point @ turn, d_point], axis=-1)
     columns = motion @ known.gauge
     columns[..., : int(free.sum())] += d_parameters[..., free]

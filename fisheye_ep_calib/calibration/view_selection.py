@@ -38,9 +38,7 @@ class Novelty:
     tilt: float = 0.3
 
 
-def view_signature(
-    object_points: np.ndarray, pixels: np.ndarray, image_size: tuple[int, int]
-) -> ViewSignature | None:
+def view_signature(object_points: np.ndarray, pixels: np.ndarray, image_size: tuple[int, int]) -> ViewSignature | None:
     """Signature of a view from its visible points (n, 2 or 3) m, of a flat board, and their pixels (n, 2).
 
     A quadratic map  pixel(x) = a + A x + [x^T Q_u x, x^T Q_v x]  is fitted about the visible points' centre

@@ -247,8 +247,11 @@ class FisheyeCamera:
         for name, coefficients in self.active_extras:
             plane, _ = LENS_EXTRAS[name].jacobian(plane_x, plane_y, coefficients)
             step = np.stack(
-                [np.stack(np.broadcast_arrays(plane.xx, plane.xy), -1),
-                 np.stack(np.broadcast_arrays(plane.yx, plane.yy), -1)], -2
+                [
+                    np.stack(np.broadcast_arrays(plane.xx, plane.xy), -1),
+                    np.stack(np.broadcast_arrays(plane.yx, plane.yy), -1),
+                ],
+                -2,
             )
             matrix = step @ matrix
             plane_x, plane_y = LENS_EXTRAS[name].apply(plane_x, plane_y, coefficients)

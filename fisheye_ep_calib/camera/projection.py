@@ -22,12 +22,13 @@ from fisheye_ep_calib.camera.incidence import IncidenceAngle, PupilRange, solve_
 if TYPE_CHECKING:
     from fisheye_ep_calib.camera.fisheye import FisheyeCamera
 
+NOT_COMPUTED = np.empty(0)
 _ON_AXIS = 1e-14  # ρ below this fraction of the slope counts as on the axis, where φ is undefined
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Pixels of points of shape S and, where asked for, their derivatives.
+    """Pixels of points of shape S and, where asked for, their derivatives, else empty arrays.
 
     u, v (S): pixels. theta (S): incidence angle, rad. valid (S): a projection exists.
     d_point (2, 3, *S): ∂(u, v)/∂(x, y, z), pixels per metre.
@@ -38,8 +39,8 @@ class Projection:
     v: np.ndarray
     theta: np.ndarray
     valid: np.ndarray
-    d_point: np.ndarray | None = None
-    d_parameters: np.ndarray | None = None
+    d_point: np.ndarray = NOT_COMPUTED
+    d_parameters: np.ndarray = NOT_COMPUTED
 
 
 def project_coordinates(

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--passes", type=int, choices=(1, 2), default=2, help="2 looks again where the first fit expects the target"
     )
-    structure = parser.add_argument_group("what is estimated (with --model auto, what you leave open is decided by data)")
+    structure = parser.add_argument_group("what is estimated", "With --model auto the data decide what you leave open.")
     structure.add_argument("--terms", type=int, metavar="N", help="terms of the entrance pupil's series")
     structure.add_argument("--lens", default="kannala_brandt", choices=list(LENSES), help="the central lens r(θ)")
     action = argparse.BooleanOptionalAction

@@ -175,9 +175,11 @@ def _closing(folder: Path, live: bool, seconds: float) -> None:
     print(f"In {folder}/:")
     for name, what in files.items():
         print(f"  {name:<32}{what}")
+    topics = " ".join(f"--topic {name}=/{name}/image_raw" for name in CAMERAS)
     print(
         "\nNext:\n"
         f"  fisheye_ep_calib show {folder}/front.yaml\n"
-        f"  fisheye_ep_calib calibrate {folder}/demo.mcap --target {folder}/target.yaml --output {folder}/again\n"
+        f"  fisheye_ep_calib calibrate {folder}/demo.mcap --target {folder}/target.yaml --output {folder}/again \\\n"
+        f"      {topics}\n"
         "  fisheye_ep_calib calibrate YOUR_BAG --target YOUR_TARGET.yaml"
     )

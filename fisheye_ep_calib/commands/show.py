@@ -71,12 +71,14 @@ def _text(file: CameraFile, content: dict) -> str:
         scale, unit = (1e3, " mm") if pupil else (1, " px") if name in ("fx", "fy", "skew", "cx", "cy") else (1, "")
         lines.append(f"  {name:<6}{scale * value:>13.5f} ± {scale * sigma:.5f}{unit}")
     lines.append(f"  {'θ':>5} {'E mm':>10} {'± mm':>9} {'r px':>11} {'± px':>8}")
-    rows = zip(content["theta_deg"], content["E_m"], content["E_sigma_m"], content["r_px"], content["r_sigma_px"],
-               strict=True)
+    rows = zip(
+        content["theta_deg"], content["E_m"], content["E_sigma_m"], content["r_px"], content["r_sigma_px"], strict=True
+    )
     for degrees, shift, shift_sigma, radius, radius_sigma_px in rows:
         if degrees % 5 == 0:
             lines.append(
-                f"  {degrees:>4}° {1e3 * shift:>10.4f} {1e3 * shift_sigma:>9.4f} {radius:>11.3f} {radius_sigma_px:>8.3f}"
+                f"  {degrees:>4}° {1e3 * shift:>10.4f} {1e3 * shift_sigma:>9.4f}"
+                f" {radius:>11.3f} {radius_sigma_px:>8.3f}"
             )
     losses = ", ".join(f"{value:.2f} px at {key} m" for key, value in content["svp"]["loss_px"].items())
     if losses:

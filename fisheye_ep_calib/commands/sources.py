@@ -80,9 +80,7 @@ def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraS
         topics = _named_topics(recording, arguments.topic)
         workers = usable_cores() if arguments.workers is None else arguments.workers
         choice = FrameChoice(arguments.max_views, 1 if arguments.all else arguments.every)
-        with Collector(
-            recording, target, workers=0 if workers == 1 else workers, strict=arguments.strict
-        ) as collector:
+        with Collector(recording, target, workers=0 if workers == 1 else workers, strict=arguments.strict) as collector:
             opened = time.perf_counter() - began
             runs = collector.collect(tuple(topics.values()), choice)
             source = ", ".join(map(str, paths))
@@ -91,8 +89,11 @@ def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraS
 
             def look_again(guides):
                 refined = collector.refine(guides)
-                return {name: _from_run(name, refined[topic], target, source) for name, topic in topics.items()
-                        if topic in refined}
+                return {
+                    name: _from_run(name, refined[topic], target, source)
+                    for name, topic in topics.items()
+                    if topic in refined
+                }
 
             yield cameras, look_again
 

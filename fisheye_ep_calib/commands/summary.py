@@ -51,9 +51,7 @@ def calibration_text(camera: CameraSource, result: CalibrationResult, path: Path
     lines.append(f"  {'model':<12}{'RMS px':>9}{'held-out px':>13}{'parameters':>12}")
     for name, one in result.comparison.items():
         mark = "  ← chosen" if name == result.model else ""
-        lines.append(
-            f"  {name:<12}{one.rms_px:>9.4f}{one.cross_validated_rms_px:>13.4f}{one.parameters:>12}{mark}"
-        )
+        lines.append(f"  {name:<12}{one.rms_px:>9.4f}{one.cross_validated_rms_px:>13.4f}{one.parameters:>12}{mark}")
     lines += [f"  {reason}" for reason in result.reasons]
     if np.any(result.board_warp):
         bow = ", ".join(f"{1e3 * value:+.3f}" for value in result.board_warp)

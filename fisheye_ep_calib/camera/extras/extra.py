@@ -17,8 +17,11 @@ class PlaneJacobian(NamedTuple):
 class LensExtra(Protocol):
     """Maps (x, y) = r (cosφ, sinφ), dimensionless, arrays of any shape S."""
 
-    name: str
-    coefficient_names: tuple[str, ...]
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def coefficient_names(self) -> tuple[str, ...]: ...
 
     def apply(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray]:
         """(x′, y′), each of shape S."""

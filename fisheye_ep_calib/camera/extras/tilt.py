@@ -18,9 +18,7 @@ def _homography(tilt_x: float, tilt_y: float) -> tuple[np.ndarray, np.ndarray, n
     about_y_slope = np.array([[-sin_y, 0, -cos_y], [0, 0, 0], [cos_y, 0, -sin_y]])
 
     def projector(rotation):
-        return np.array(
-            [[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1.0]]
-        )
+        return np.array([[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1.0]])
 
     def projector_slope(slope):
         return np.array([[slope[2, 2], 0, -slope[0, 2]], [0, slope[2, 2], -slope[1, 2]], [0, 0, 0.0]])

@@ -13,9 +13,14 @@ class Lens(Protocol):
     Angles are arrays of any shape S, in radians; r is dimensionless.
     """
 
-    name: str
-    coefficient_names: tuple[str, ...]
-    central_coefficients: tuple[float, ...]
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def coefficient_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def central_coefficients(self) -> tuple[float, ...]: ...
 
     def radius(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """r(θ), shape S."""

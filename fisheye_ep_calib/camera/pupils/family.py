@@ -25,9 +25,7 @@ def entrance_pupil(family: PupilFamily, theta: np.ndarray, coefficients: np.ndar
     return np.tensordot(np.asarray(coefficients, dtype=float), family.basis(theta, len(coefficients)), axes=1)
 
 
-def entrance_pupil_derivative(
-    family: PupilFamily, theta: np.ndarray, coefficients: np.ndarray
-) -> np.ndarray:
+def entrance_pupil_derivative(family: PupilFamily, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """dE/dθ in metres per radian, shape of θ."""
     basis = family.basis_derivative(theta, len(coefficients))
     return np.tensordot(np.asarray(coefficients, dtype=float), basis, axes=1)

@@ -19,9 +19,7 @@ def _factor(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     sine, cosine = np.sin(safe), np.cos(safe)
     square = np.where(small, theta * theta, 0.0)
     series = square * (1 / 6 + square * (7 / 360 + square * (31 / 15120 + square * (127 / 604800))))
-    slope = np.where(small, theta, 0.0) * (
-        1 / 3 + square * (7 / 90 + square * (31 / 2520 + square * (127 / 75600)))
-    )
+    slope = np.where(small, theta, 0.0) * (1 / 3 + square * (7 / 90 + square * (31 / 2520 + square * (127 / 75600))))
     return (
         np.where(small, series, safe / sine - 1),
         np.where(small, slope, (sine - safe * cosine) / (sine * sine)),
