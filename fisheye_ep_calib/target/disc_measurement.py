@@ -128,9 +128,11 @@ class _Levels:
 
 @dataclass(frozen=True)
 class _Ellipse:
-    """Where the pixels of patches lie about their ellipses: radius (p,) 1 on the edge, distance (p,) outwards
-    from
-    the edge in pixels, to first order: (s² − 1) / |∇s²|; angle (p,) in the frame of shape⁻¹."""
+    """Where the pixels of patches lie about their ellipses.
+
+    radius (p,): s = √(x' shape⁻¹ x), 1 on the edge. distance (p,): outwards from the edge, pixels, (s − 1) / |∇s|.
+    gradient_x, gradient_y (p,): shape⁻¹ x.
+    """
 
     radius: np.ndarray
     distance: np.ndarray
@@ -143,9 +145,9 @@ class _Ellipse:
         size = np.diff(np.append(patches.start, len(patches.x)))
         xx, xy, yy = (np.repeat(inverse[:, i, j], size) for i, j in ((0, 0), (0, 1), (1, 1)))
         gradient_x, gradient_y = xx * patches.x + xy * patches.y, xy * patches.x + yy * patches.y
-        squared = patches.x * gradient_x + patches.y * gradient_y
-        slope = 2 * np.sqrt(gradient_x**2 + gradient_y**2)
-        return _Ellipse(np.sqrt(squared), (squared - 1) / np.maximum(slope, 1e-6), gradient_x, gradient_y)
+        radius = np.sqrt(patches.x * gradient_x + patches.y * gradient_y)
+        slope = np.sqrt(gradient_x**2 + gradient_y**2) / np.maximum(radius, 1e-6)
+        return _Ellipse(radius, (radius - 1) / np.maximum(slope, 1e-6), gradient_x, gradient_y)
 
 
 def _measure_once(
@@ -157,8 +159,6 @@ def _measure_once(
     shape = state.shape
     levels = _levels(image, state, hole, ratio)
     band = 2.5 * state.blur + 1.0 + 0.03 * major_axis(shape)
-    # Beyond half the gap to the next disc, that one's blurred edge would count.
-    outer = np.minimum(band, 0.5 * (ratio - 2) * minor_axis(shape) + 0.5)
     patches = PixelPatches.cut(image, state.center, _half_box(shape) + band[:, None] + 1.5)
     ellipse = _Ellipse.of(patches, shape)
     weight = _dark_share(patches, levels)
@@ -166,7 +166,9 @@ def _measure_once(
     inner = ellipse.distance < -band[patches.owner]
     if (hole > 0).any():
         inner |= ellipse.radius < np.where(hole > 0, (1 + hole) / 2, 0)[patches.owner]
-    edge = ~inner & (ellipse.distance < outer[patches.owner])
+    # Beyond half the way to the next disc, that one's blurred edge would count.
+    own = ellipse.radius < 0.47 * ratio
+    edge = ~inner & own & (ellipse.distance < band[patches.owner])
     mass = np.where(inner, np.float32(1), np.where(edge, weight, np.float32(0)))
     area = patches.sum(mass)
     move = np.stack([patches.sum(mass * patches.x), patches.sum(mass * patches.y)], -1)
@@ -178,7 +180,7 @@ def _measure_once(
     good &= (area_ratio > 0.6) & (area_ratio < 1.6) & (np.hypot(*move.T) < np.maximum(minor_axis(shape), 1.0))
     if final:
         good &= (area_ratio > 0.8) & (area_ratio < 1.25)
-        good &= _seen_whole(patches, ellipse, weight, inner, state.blur, relative_noise, hole, band)
+        good &= _seen_whole(patches, ellipse, weight, inner, own, state.blur, relative_noise, hole, band)
     new_shape = _ellipse_of_mass(patches, mass, move, area, shape) if adapt else shape
     blur = _edge_blur(patches, weight, edge, relative_noise, shape)
     center = state.center + np.where(good[:, None], move, 0)
@@ -283,7 +285,7 @@ def _edge_blur(patches: PixelPatches, weight, edge, relative_noise, shape) -> np
 
 
 def _seen_whole(
-    patches: PixelPatches, ellipse: _Ellipse, weight, inner, blur, relative_noise, hole, band
+    patches: PixelPatches, ellipse: _Ellipse, weight, inner, own, blur, relative_noise, hole, band
 ) -> np.ndarray:
     """Whether every sector of each disc (d,) looks as it should, dark inside and light outside.
 
@@ -302,7 +304,7 @@ def _seen_whole(
     dim = np.where(hole > 0, hole + 0.15, 0.3)[owner]
     zones = (
         (ellipse.distance < 0) & (ellipse.radius > dim),
-        (ellipse.distance >= 0) & (ellipse.distance < (band + 1.5)[owner]),
+        (ellipse.distance >= 0) & own & (ellipse.distance < (band + 1.5)[owner]),
     )
     whole = np.ones(len(patches), dtype=bool)
     for zone in zones:
