@@ -7,7 +7,7 @@ feature = project(p), or the centre of gravity of the projected disc around P
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from fisheye_ep_calib.calibration.board_warp import BoardFrame
 from fisheye_ep_calib.calibration.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.incidence import PupilRange
-from fisheye_ep_calib.camera.projection import NOT_COMPUTED, project_coordinates
+from fisheye_ep_calib.camera.projection import not_computed, project_coordinates
 from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
 
 _BOUNDARY_SAMPLES = 8  # the centroid is then right to 1e-5 px
@@ -40,9 +40,9 @@ class Prediction:
     pixels: np.ndarray
     valid: np.ndarray
     theta: np.ndarray
-    d_pose: np.ndarray = NOT_COMPUTED
-    d_camera: np.ndarray = NOT_COMPUTED
-    d_warp: np.ndarray = NOT_COMPUTED
+    d_pose: np.ndarray = field(default_factory=not_computed)
+    d_camera: np.ndarray = field(default_factory=not_computed)
+    d_warp: np.ndarray = field(default_factory=not_computed)
 
 
 def predict(
@@ -74,7 +74,7 @@ def predict(
         theta,
         _contract(d_samples, found.d_pose),
         _contract(d_samples, found.d_camera),
-        _contract(d_samples, found.d_warp) if warp_jacobian else NOT_COMPUTED,
+        _contract(d_samples, found.d_warp) if warp_jacobian else not_computed(),
     )
 
 
@@ -93,7 +93,7 @@ def _predict_points(
     camera, features, board_warp, camera_from_target, points, bounds, jacobian, warp_jacobian
 ) -> Prediction:
     """Points (3, ..., B, N) in the target frame through poses (B, 4, 4)."""
-    shapes = NOT_COMPUTED
+    shapes = not_computed()
     if warp_jacobian or np.any(board_warp):
         shapes = features.board.warp_shapes(points)
         height = np.tensordot(board_warp, shapes, axes=1)
@@ -115,7 +115,7 @@ def _predict_points(
         d_pose[row, 1] = rotated[2] * d_point[row, 0] - rotated[0] * d_point[row, 2]
         d_pose[row, 2] = rotated[0] * d_point[row, 1] - rotated[1] * d_point[row, 0]
     d_pose[:, 3:] = d_point
-    d_warp = NOT_COMPUTED
+    d_warp = not_computed()
     if warp_jacobian:
         normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
         along = (d_point * np.moveaxis(normal, -1, 0)[:, :, None]).sum(axis=1)

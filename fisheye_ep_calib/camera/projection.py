@@ -11,7 +11,7 @@ Derivatives of θ at a regular root, with slope = D + E′ sinθ:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,8 +22,12 @@ from fisheye_ep_calib.camera.incidence import IncidenceAngle, PupilRange, solve_
 if TYPE_CHECKING:
     from fisheye_ep_calib.camera.fisheye import FisheyeCamera
 
-NOT_COMPUTED = np.empty(0)
 _ON_AXIS = 1e-14  # ρ below this fraction of the slope counts as on the axis, where φ is undefined
+
+
+def not_computed() -> np.ndarray:
+    """Stands for an array that was not asked for."""
+    return np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,8 @@ class Projection:
     v: np.ndarray
     theta: np.ndarray
     valid: np.ndarray
-    d_point: np.ndarray = NOT_COMPUTED
-    d_parameters: np.ndarray = NOT_COMPUTED
+    d_point: np.ndarray = field(default_factory=not_computed)
+    d_parameters: np.ndarray = field(default_factory=not_computed)
 
 
 def project_coordinates(
