@@ -14,8 +14,11 @@ from tqdm import tqdm
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.simulation import (
     Imaging,
+    SceneCamera,
     SimulatedCamera,
     View,
+    evaluation_set,
+    laikin_camera,
     observe,
     paper_camera,
     paper_poses,
@@ -25,9 +28,6 @@ from fisheye_ep_calib.simulation import (
     views_at,
     write_bag,
 )
-from fisheye_ep_calib.simulation.evaluation_set import evaluation_set
-from fisheye_ep_calib.simulation.ray_traced_camera import laikin_camera
-from fisheye_ep_calib.simulation.scene_camera import SceneCamera
 from fisheye_ep_calib.storage.camera_file import load_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.target import Target, load_target
