@@ -22,7 +22,7 @@ def clutter_image(seed: int, size: tuple[int, int] = (1024, 1024)) -> np.ndarray
     for kind in kinds:
         _KINDS[kind](image, rng)
     image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 2.0))
-    image += rng.uniform(0, 8) * rng.standard_normal((height, width), np.float32)
+    image = image + rng.uniform(0, 8) * rng.standard_normal((height, width), np.float32)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 

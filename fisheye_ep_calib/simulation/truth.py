@@ -57,7 +57,8 @@ def disc_centroids(
     share = np.where(valid.reshape(shape), share, 0)
     pixels = np.where(valid[..., None], pixels, 0).reshape(*shape, 2)
     total = np.maximum(share.sum(axis=-1), 1e-300)
-    return (share[..., None] * pixels).sum(axis=-2) / total[..., None], valid.reshape(shape).all(axis=-1)
+    centroid = (share[..., None] * pixels).sum(axis=-2) / total[..., None]
+    return centroid, np.asarray(valid.reshape(shape).all(axis=-1))
 
 
 def observe(camera: SceneCamera, target: Target, poses: np.ndarray, noise: float = 0.0, seed: int = 0) -> Observations:
