@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +145,7 @@ class _Player:
         self.infos: dict[str, Any] = {}
         for camera in cameras:
             self._node.create_subscription(
-                CameraInfo, f"/{camera}/camera_info", lambda info, camera=camera: self._receive(camera, info), quality
+                CameraInfo, f"/{camera}/camera_info", partial(self._receive, camera), quality
             )
         self._client = self._node.create_client(Trigger, f"/{NODE}/calibrate")
         self._request = Trigger.Request

@@ -6,6 +6,7 @@ import argparse
 import re
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.target import Target, load_target
 
 DESCRIPTION = "Render a target as known cameras see it, and write the images as a bag."
-BUILT_IN = {"paper": paper_camera, "laikin": laikin_camera}
+BUILT_IN: dict[str, Callable[[], SceneCamera]] = {"paper": paper_camera, "laikin": laikin_camera}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     _check(arguments)
     target = paper_target() if arguments.target is None else load_target(arguments.target)
-    rig = []
+    rig: list[SimulatedCamera] = []
     for number, text in enumerate(arguments.camera or ["front=paper"]):
         name, camera = _camera(text)
         if any(other.name == name for other in rig):
