@@ -92,15 +92,18 @@ def line_residuals(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return best
 
 
-def smooth(cells: np.ndarray, pixels: np.ndarray, tolerance: float) -> np.ndarray:
-    """Whether each point (k,) fits the lattice lines through it, within tolerance pixels or six times the
-    usual.
+def smooth(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Whether each point (k,) fits the lattice lines through it.
+
+    Allowed are 0.3 pixels and 2 % of the pitch, which a strong lens bends a line from one point to the next,
+    or six times what is usual in the patch.
     """
     rest = line_residuals(cells, pixels)
     known = np.isfinite(rest)
     if not known.any():
         return np.ones(len(cells), dtype=bool)
-    return ~known | (rest < max(tolerance, 6 * float(np.median(rest[known]))))
+    allowed = 0.3 + 0.02 * np.minimum(local_pitch(cells, pixels), 1000)
+    return ~known | (rest < np.maximum(allowed, 6 * float(np.median(rest[known]))))
 
 
 def extrapolate(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

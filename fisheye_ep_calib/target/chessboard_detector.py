@@ -100,7 +100,7 @@ class ChessboardDetector:
         pixels, fits = _refine(image, cells, pixels, parity)
         fits &= labels.known
         if fits.any():
-            fits[fits] = smooth(cells[fits], pixels[fits], tolerance=0.3)
+            fits[fits] = smooth(cells[fits], pixels[fits])
         rejected = np.vstack([rough[~good], pixels[~fits]])
         if fits.sum() < self.fewest:
             reason = f"{int(fits.sum())} of {len(self.lattice)} corners"

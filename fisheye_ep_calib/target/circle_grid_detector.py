@@ -9,10 +9,12 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.target.blobs import Blobs, find_blobs
+from fisheye_ep_calib.target.cells import smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.disc_measurement import measure_discs, minor_axis
-from fisheye_ep_calib.target.guidance import predict
-from fisheye_ep_calib.target.labelling import label_patch
+from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs, minor_axis
+from fisheye_ep_calib.target.disc_growth import complete_discs
+from fisheye_ep_calib.target.guidance import offset_residuals, predict_discs
+from fisheye_ep_calib.target.labelling import Placement, label_patch
 from fisheye_ep_calib.target.lattice import Lattice, grow_lattices
 
 FEWEST_DISCS = 9
@@ -20,6 +22,7 @@ SEARCH_SIDE = 1100
 WINDOWS = (31, 121)
 MOST_LATTICES = 4
 UNKNOWN_RATIO = 2.4
+USUAL_ERROR = 0.08
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,8 @@ class CircleGridDetector:
     def __init__(self, target) -> None:
         self.target = target
         self.ratio = target.pitch / target.disc_radius if target.disc_radius else None
+        self.gap_ratio = self.ratio or UNKNOWN_RATIO
+        self.longest = int(np.ptp(target.lattice, axis=0).max()) + 1
         self.fewest = min(FEWEST_DISCS, len(target.object_points))
         self.hole_ratio = target.hole_radius / target.disc_radius if target.holed else 0.0
 
@@ -60,59 +65,55 @@ class CircleGridDetector:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
-        radius = self.target.disc_radius or self.target.pitch / UNKNOWN_RATIO
-        expected = predict(camera, camera_from_target, self.target.object_points, image.shape)
-        axes = radius * expected.plane_jacobian
-        shape = axes @ np.swapaxes(axes, 1, 2)
-        index = np.flatnonzero(expected.visible)
+        points = self.target.object_points
+        radius = self.target.disc_radius or self.target.pitch / self.gap_ratio
+        expected, shape, visible = predict_discs(camera, camera_from_target, points, radius, image.shape)
+        index = np.flatnonzero(visible)
         if len(index) == 0:
             return Detection(reason="board out of view")
+        expected, shape = expected[index], shape[index]
         hole = np.where(np.isin(index, self.target.holed), self.hole_ratio, 0.0)
-        found = measure_discs(
-            image, expected.pixels[index], shape[index], self.ratio or UNKNOWN_RATIO, hole, keep_shape=True
-        )
+        found = measure_discs(image, expected, shape, self.gap_ratio, hole, keep_shape=True)
         good = found.good.copy()
-        good[good] = _near_prediction(expected.pixels[index[good]], found.center[good], shape[index[good]])
+        if good.any():
+            rest = offset_residuals(points[index[good]], found.center[good] - expected[good])
+            limit = np.maximum(6 * np.median(rest), USUAL_ERROR)
+            good[good] = rest < np.minimum(limit, 0.5 * minor_axis(shape[good]))
         if not good.any():
-            return Detection(
-                reason="board not found where the camera expects it", rejected=expected.pixels[index]
-            )
+            return Detection(reason="board not found where the camera expects it", rejected=expected)
         return Detection(index[good], found.center[good], rejected=found.center[~good])
 
     def _detect_at(self, image: np.ndarray, factor: int) -> _Found:
         """The best of the largest lattices, looked for in the image reduced by ``factor``."""
-        size = image.shape[1] // factor, image.shape[0] // factor
-        small = image if factor == 1 else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        blobs = find_blobs(small, WINDOWS, holes=bool(self.target.holed)).scaled(factor)
-        lattices = grow_lattices(blobs.center, blobs.shape, self.ratio)
+        blobs = find_blobs(_reduced(image, factor), WINDOWS, holes=bool(self.target.holed)).scaled(factor)
         best = _Found(detection=Detection(rejected=blobs.center))
-        for lattice in lattices[:MOST_LATTICES]:
+        for lattice in grow_lattices(blobs.center, blobs.shape, self.ratio)[:MOST_LATTICES]:
             if best.score > len(lattice):
                 break
-            best = max(
-                best, self._measure_and_label(image, blobs, lattice), key=lambda candidate: candidate.score
-            )
+            found = self._measure_and_label(image, blobs, lattice)
+            best = max(best, found, key=lambda candidate: candidate.score)
         return best
 
     def _measure_and_label(self, image: np.ndarray, blobs: Blobs, lattice: Lattice) -> _Found:
-        ratio = self.ratio or UNKNOWN_RATIO
         chosen = blobs[lattice.blob]
         holed = self._holed(chosen)
-        found = measure_discs(
-            image, chosen.center, chosen.shape, ratio, np.where(holed, self.hole_ratio, 0.0)
+        hole = np.where(holed, self.hole_ratio, 0.0)
+        found = measure_discs(image, chosen.center, chosen.shape, self.gap_ratio, hole)
+        cells, found = complete_discs(
+            image, lattice.cell, found, self.gap_ratio, self.hole_ratio, self.longest
         )
+        marked = lattice.cell[holed]
         labels = label_patch(
-            lattice.cell,
-            chosen.center,
+            cells,
+            found.center,
             self.target.lattice,
-            allowed=(lambda placement: self._identity(placement, lattice.cell, holed))
-            if self.target.holed
-            else None,
-            is_plain=lambda sites, scale: _is_plain(image, sites, chosen),
+            allowed=(lambda placement: self._identity(placement, marked)) if self.target.holed else None,
+            is_plain=lambda sites, scale: _is_plain(image, sites, found),
         )
         good = found.good & labels.known
+        good[good] = smooth(cells[good], found.center[good]) if good.any() else False
         loose = np.ones(len(blobs), dtype=bool)
-        loose[lattice.blob[good]] = False
+        loose[lattice.blob[good[: len(lattice)]]] = False
         detection = Detection(labels.point_index[good], found.center[good], rejected=blobs.center[loose])
         # A lattice that goes on beyond the target is something else.
         beyond = int((found.good & ~labels.known).sum())
@@ -124,20 +125,20 @@ class CircleGridDetector:
             blobs.hole > 0.3 * self.hole_ratio**2 if self.target.holed else np.zeros(len(blobs), dtype=bool)
         )
 
-    def _identity(self, placement, cells: np.ndarray, holed: np.ndarray) -> float:
-        """How many of the holed discs fall where the target has one, less those that do not."""
+    def _identity(self, placement: Placement, marked: np.ndarray) -> float:
+        """How many of the holed discs (m, 2) fall where the target has one, less those that do not."""
         marks = {tuple(cell) for cell in self.target.lattice[list(self.target.holed)].tolist()}
-        hits = sum(tuple(cell) in marks for cell in placement(cells[holed]).tolist())
-        return 2.0 * hits - int(holed.sum())
+        hits = sum(tuple(cell) in marks for cell in placement(marked).tolist())
+        return 2.0 * hits - len(marked)
 
 
-def _near_prediction(expected: np.ndarray, found: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Whether each disc (k, 2) lies where it should, within a share of its size and of what the others do."""
-    offset = found - expected
-    usual = np.median(offset, axis=0)
-    spread = np.median(np.hypot(*(offset - usual).T))
-    limit = np.maximum(6 * spread, 0.35 * minor_axis(shape))
-    return np.hypot(*(offset - usual).T) < limit
+def _reduced(image: np.ndarray, factor: int) -> np.ndarray:
+    """The image at a whole fraction of its size, without the rows and columns left over."""
+    if factor == 1:
+        return image
+    height, width = image.shape[0] // factor, image.shape[1] // factor
+    cropped = image[: height * factor, : width * factor]
+    return cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def _search_factors(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -147,21 +148,17 @@ def _search_factors(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(dict.fromkeys((factor, max(1, factor // 2), coarser)))
 
 
-def _is_plain(image: np.ndarray, sites: np.ndarray, near: Blobs) -> np.ndarray:
+def _is_plain(image: np.ndarray, sites: np.ndarray, discs: Measurement) -> np.ndarray:
     """Whether the image shows plain board where a disc should lie (m, 2)."""
-    distance = np.hypot(*np.moveaxis(sites[:, None] - near.center, -1, 0))
-    beside = near.shape[distance.argmin(axis=1)]
+    distance = np.hypot(*np.moveaxis(sites[:, None] - discs.center, -1, 0))
+    beside = discs.shape[distance.argmin(axis=1)]
     angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     offset = np.concatenate([np.zeros((len(sites), 2, 1)), 0.8 * np.linalg.cholesky(beside) @ circle], axis=2)
     places = np.rint(sites[:, None] + np.swapaxes(offset, 1, 2)).astype(int)
-    height, width = image.shape
-    inside = ((places >= 0) & (places < [width, height])).all(axis=(1, 2))
-    values = image[np.clip(places[..., 1], 0, height - 1), np.clip(places[..., 0], 0, width - 1)].astype(
-        float
-    )
-    return (
-        inside
-        & (np.ptp(values, axis=1) < 0.25 * values.max(axis=1))
-        & (values.min(axis=1) > 0.4 * np.percentile(image, 95))
-    )
+    limit = np.array(image.shape[::-1]) - 1
+    inside = ((places >= 0) & (places <= limit)).all(axis=(1, 2))
+    places = np.clip(places, 0, limit)
+    values = image[places[..., 1], places[..., 0]].astype(float)
+    even = np.ptp(values, axis=1) < 0.25 * values.max(axis=1)
+    return inside & even & (values.min(axis=1) > 0.4 * np.percentile(image, 95))

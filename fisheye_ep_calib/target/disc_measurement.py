@@ -14,6 +14,7 @@ SECTORS = 12
 RING_REACH = 2.2
 FIRST_BLUR = 1.0
 LEAST_CONTRAST = 8.0
+SMALL_DISC = 10.0
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,11 @@ class Measurement:
 
     def __getitem__(self, chosen: np.ndarray) -> Measurement:
         return Measurement(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+
+    def joined(self, other: Measurement) -> Measurement:
+        """These discs, then the other ones."""
+        names = self.__dataclass_fields__
+        return Measurement(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
 
     def with_rows(self, chosen: np.ndarray, rows: Measurement) -> Measurement:
         """This, with the rows ``chosen`` replaced."""
@@ -130,8 +136,8 @@ class _Levels:
 class _Ellipse:
     """Where the pixels of patches lie about their ellipses.
 
-    radius (p,): s = √(x' shape⁻¹ x), 1 on the edge. distance (p,): outwards from the edge, pixels, (s − 1) / |∇s|.
-    gradient_x, gradient_y (p,): shape⁻¹ x.
+    radius (p,): s = √(x' shape⁻¹ x), 1 on the edge. distance (p,): outwards from the edge, pixels, (s − 1) /
+    |∇s|. gradient_x, gradient_y (p,): shape⁻¹ x.
     """
 
     radius: np.ndarray
@@ -203,59 +209,66 @@ def _levels(image: np.ndarray, state: Measurement, hole: np.ndarray, ratio: floa
     """The board's brightness as a plane through a ring around each disc, other discs and occluders cut off.
     """
     shape = state.shape
-    reach = min(RING_REACH, max(ratio - 0.8, 1.3))
     band = 2.0 * state.blur + 0.7
+    # Near the edge, where the ground counts, but wide enough for a small disc.
+    reach = 1 + np.maximum(0.35, (band + 9.0) / np.maximum(minor_axis(shape), 1))
+    reach = np.minimum(reach, min(RING_REACH, max(ratio - 0.8, 1.3)))
     stride = np.maximum(1, (major_axis(shape) / 7).astype(int))
-    patches = PixelPatches.cut(image, state.center, reach * _half_box(shape) + 2.0, stride)
+    patches = PixelPatches.cut(image, state.center, reach[:, None] * _half_box(shape) + 2.0, stride)
     ellipse = _Ellipse.of(patches, shape)
     core = ellipse.radius < 0.65
     if (hole > 0).any():
         core = (ellipse.radius < 0.8) & (ellipse.radius > np.where(hole > 0, hole + 0.15, -1)[patches.owner])
     dark = patches.mean(patches.value, core)
-    ring = (ellipse.distance > band[patches.owner]) & (ellipse.radius > 1.12) & (ellipse.radius < reach)
+    ring = (ellipse.distance > band[patches.owner]) & (ellipse.radius > 1.12)
+    ring &= ellipse.radius < reach.astype(np.float32)[patches.owner]
     total = np.maximum(patches.sum(ring), 1)
 
-    kept = ring
-    plateau = noise = np.zeros(len(patches))
-    for share in (0.5, 0.75, 0.88):
-        plateau = patches.mean(patches.value, kept)
-        noise = np.sqrt(patches.mean((patches.value - plateau[patches.owner]) ** 2, kept))
-        floor = plateau - np.maximum((1 - share) * (plateau - dark), 1.5)
-        kept = ring & (patches.value > floor.astype(np.float32)[patches.owner])
-    plateau = patches.mean(patches.value, kept)
-    expected, trust = _shading(state.center, plateau, shape)
-    weight = kept.astype(np.float32)
-    plane = np.zeros((len(patches), 3))
-    for _ in range(2):
-        spread = patches.sum(weight * (patches.x**2 + patches.y**2)) / 2
-        plane = fit_planes(patches, weight, expected, trust * spread)
+    middle = patches.mean(patches.value, ring)
+    middle = patches.mean(
+        patches.value, ring & (patches.value > (0.5 * (middle + dark)).astype(np.float32)[patches.owner])
+    )
+    plane = np.stack([middle, *np.zeros((2, len(patches)))], axis=-1)
+    noise = np.zeros(len(patches))
+    spread = patches.sum(ring * (patches.x**2 + patches.y**2)) / 2
+    weight = np.zeros(len(patches.value), dtype=np.float32)
+    # Other discs and occluders are cut off: what is darker than the board, more closely each time.
+    for share in (0.5, 0.75, 0.88, None):
         flat = plane.astype(np.float32)[patches.owner]
         rest = patches.value - flat[:, 0] - flat[:, 1] * patches.x - flat[:, 2] * patches.y
-        noise = np.sqrt(patches.mean(rest**2, weight > 0))
-        weight = (
-            kept & (np.abs(rest) < np.maximum(2.5 * noise, 2).astype(np.float32)[patches.owner])
-        ).astype(np.float32)
+        if share is None:
+            kept = (weight > 0) & (
+                np.abs(rest) < np.maximum(2.5 * noise, 2).astype(np.float32)[patches.owner]
+            )
+        else:
+            depth = np.maximum((1 - share) * (plane[:, 0] - dark), 1.5)
+            kept = ring & (rest > -depth.astype(np.float32)[patches.owner])
+        weight = kept.astype(np.float32)
+        expected, trust = _shading(state.center, patches.mean(patches.value, kept), shape)
+        plane = fit_planes(patches, weight, expected, trust * spread)
+        noise = np.sqrt(patches.mean(rest**2, kept))
     enough = patches.sum(weight) > np.maximum(5, 0.2 * total)
     return _Levels(plane, dark, noise, enough & (patches.sum(core) > 0))
 
 
-def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, float]:
+def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How the board's brightness changes about each disc, from the levels around its neighbours.
 
     Returns slopes (d, 2) along x and y, and how much they are worth against the slope of a disc's own ring. A
     small disc's ring is narrow and other discs' blurred edges reach into it, so its own slope would be poor.
     """
     if len(center) < 6:
-        return np.zeros((len(center), 2)), 0.05
+        return np.zeros((len(center), 2)), np.full(len(center), 0.05)
     _, near = cKDTree(center).query(center, k=min(9, len(center)))
     offset = center[near] - center[:, None]
     rise = level[near] - level[:, None]
     normal = np.einsum("dki,dkj->dij", offset, offset)
-    normal += 1e-3 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+    normal += 1e-3 * np.eye(2) + 1e-3 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2)
     slope = np.linalg.solve(normal, np.einsum("dki,dk->di", offset, rise)[..., None])[..., 0]
     # More than a quarter of the level across a disc is no shading but an occluder's shadow in one of the rings.
     steep = np.hypot(*slope.T) * major_axis(shape) > 0.25 * np.maximum(level, 1)
-    return np.where(steep[:, None], 0, slope), 1.0
+    trust = np.minimum(1, (SMALL_DISC / np.maximum(minor_axis(shape), 1)) ** 4)
+    return np.where(steep[:, None], 0, slope), trust
 
 
 def _ellipse_of_mass(patches: PixelPatches, mass, move, area, shape) -> np.ndarray:
@@ -303,18 +316,19 @@ def _seen_whole(
     key = owner * SECTORS + np.minimum(turn.astype(np.int32), SECTORS - 1)
     dim = np.where(hole > 0, hole + 0.15, 0.3)[owner]
     zones = (
-        (ellipse.distance < 0) & (ellipse.radius > dim),
-        (ellipse.distance >= 0) & own & (ellipse.distance < (band + 1.5)[owner]),
+        # A glossy print is not evenly dark; an edge that something covers is missed by more.
+        ((ellipse.distance < 0) & (ellipse.radius > dim), 0.15),
+        ((ellipse.distance >= 0) & own & (ellipse.distance < (band + 1.5)[owner]), 0.08),
     )
     whole = np.ones(len(patches), dtype=bool)
-    for zone in zones:
+    for zone, allowed in zones:
         count = np.bincount(key[zone], minlength=len(patches) * SECTORS).reshape(-1, SECTORS)
         total = np.bincount(key[zone], rest[zone], len(patches) * SECTORS).reshape(-1, SECTORS)
         mean = total / np.maximum(count, 1)
         opposite = np.roll(mean, SECTORS // 2, axis=1)
         fewest = np.minimum(count, np.roll(count, SECTORS // 2, axis=1))
         tolerance = (
-            0.08
+            allowed
             + 5.0 * relative_noise[:, None] / np.sqrt(np.maximum(fewest, 1))
             + 0.25 / np.maximum(fewest, 1)
         )

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
+
+BOUNDARY = 12
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,32 @@ def predict(
     visible = valid & inside & np.isfinite(jacobian).all(axis=(1, 2))
     pixels = np.where(visible[:, None], pixels, 0.0)
     return Prediction(pixels, np.where(visible[:, None, None], jacobian, np.eye(2)), visible)
+
+
+def predict_discs(
+    camera: FisheyeCamera,
+    camera_from_target: np.ndarray,
+    points: np.ndarray,
+    radius: float,
+    image_shape: tuple[int, ...],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where discs about points (n, 3), radius in metres, appear at a pose (4, 4).
+
+    Returns their centres of gravity (n, 2), their ellipses x' shape⁻¹ x = 1 (n, 2, 2) and whether all of each
+    disc is in view (n,). The boundary p_j at equal angles of an ellipse about c has mean (p_j − c)(p_j − c)'
+    = shape/2.
+    """
+    edge = np.repeat(points[:, None], BOUNDARY, axis=1)
+    edge[..., :2] += radius * boundary_directions(BOUNDARY)
+    seen = predict(camera, camera_from_target, edge.reshape(-1, 3), image_shape)
+    visible = seen.visible.reshape(-1, BOUNDARY).all(axis=1)
+    pixels = seen.pixels.reshape(-1, BOUNDARY, 2)[visible]
+    center, shape = np.zeros((len(points), 2)), np.tile(np.eye(2), (len(points), 1, 1))
+    if visible.any():
+        center[visible] = curve_centroid(pixels[..., 0].T, pixels[..., 1].T)[0].T
+        spread = pixels - pixels.mean(axis=1, keepdims=True)
+        shape[visible] = 2 * np.einsum("kji,kjl->kil", spread, spread) / BOUNDARY
+    return center, shape, visible
 
 
 def predict_bend(

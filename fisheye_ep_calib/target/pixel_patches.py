@@ -75,6 +75,7 @@ def fit_planes(
     """
     wx, wy = weight * patches.x, weight * patches.y
     total, sx, sy = patches.sum(weight), patches.sum(wx), patches.sum(wy)
+    strength = np.maximum(strength, 1e-3)
     xx = patches.sum(wx * patches.x) + strength
     yy = patches.sum(wy * patches.y) + strength
     xy = patches.sum(wx * patches.y)
