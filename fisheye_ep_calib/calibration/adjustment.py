@@ -90,7 +90,8 @@ def evaluate(problem: AdjustmentProblem, state: AdjustmentState) -> NormalEquati
         valid = valid and bool(found.valid[used].all())
         system = np.empty((2, columns, *block.weights.shape))
         system[:, :6] = found.d_pose
-        system[:, 6 : 6 + len(free)] = found.d_camera[:, free]
+        for column, parameter in enumerate(free, start=6):
+            system[:, column] = found.d_camera[:, parameter]
         if problem.warp_free:
             system[:, 6 + len(free) : 6 + size] = found.d_warp
         np.subtract(found.pixels, block.pixels, out=system[:, -1])

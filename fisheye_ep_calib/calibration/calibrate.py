@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.fit import Fit, Sightings, prepare, refine
+from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.model_selection import Candidate, Search, candidate, choose, supported
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.outliers import screen
@@ -52,18 +52,26 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     sightings = prepare(observations, settings.disc_centers)
     _refuse_alike_views(sightings)
     _refuse_warp_of_solid(sightings, base)
-    screening = screen(sightings, base)
+    start = first_fit(sightings, base.lens)
     initialized = time.perf_counter()
-    if model == AUTO:
-        planar = screening.start.sightings.features.board.planar
-        choice = choose(screening.start, base, _open_questions(settings, planar))
-        candidates, chosen, reasons = choice.candidates, choice.chosen, choice.reasons
-        fit = chosen.fit
-        adjusted = time.perf_counter()
-    else:
+    fit = refine(start, base)
+    adjusted = time.perf_counter()
+    screening = screen(start, fit)
+    if screening.rejected:
         fit = refine(screening.start, base)
-        adjusted = time.perf_counter()
-        candidates, reasons = _side_by_side(fit), ()
+    screened = time.perf_counter()
+    reasons: tuple[str, ...] = ()
+    if model == AUTO:
+        choice = choose(screening.start, base, _open_questions(settings, sightings.features.board.planar))
+        candidates, fit, reasons = choice.candidates, choice.chosen.fit, choice.reasons
+    else:
+        candidates = _side_by_side(fit)
+    seconds = {
+        "initialize": initialized - started,
+        "adjust": adjusted - initialized,
+        "screen": screened - adjusted,
+        "compare": time.perf_counter() - screened,
+    }
     _refuse_undetermined(fit)
     central = candidates["kannala"]
     richest = min(
@@ -81,7 +89,7 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         entrance_pupil_supported=richest is not None and supported(richest, central),
         comparison={name: _comparison(one) for name, one in candidates.items()},
         reasons=reasons,
-        seconds={"initialize": initialized - started, "adjust": adjusted - initialized},
+        seconds=seconds,
     )
 
 

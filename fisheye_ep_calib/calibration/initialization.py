@@ -15,9 +15,9 @@ from fisheye_ep_calib.calibration.board_warp import BoardFrame
 from fisheye_ep_calib.calibration.ray_pose import poses_from_rays
 from fisheye_ep_calib.calibration.views import ViewBlock
 
-_THETA_GRID = np.deg2rad(np.geomspace(16.0, 120.0, 16))  # candidate angles of the outermost sighting
-_SAMPLE_VIEWS = 16
-_SAMPLE_POINTS = 24
+_THETA_GRID = np.deg2rad(np.geomspace(16.0, 120.0, 14))  # candidate angles of the outermost sighting
+_SAMPLE_VIEWS = 10
+_SAMPLE_POINTS = 20
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def initial_guess(
         board,
         centre,
         np.repeat(focal_lengths, len(used))[:, None],
-        solutions=2,
+        solutions=3 if robust else 1,
         robust=robust,
     )
     medians = np.median(error.reshape(copies, *used.shape)[:, used], axis=-1)
@@ -59,7 +59,7 @@ def initial_guess(
     for block in blocks:
         rays = equidistant_rays(block.pixels, centre, focal)
         poses[block.views], _ = _poses_and_errors(
-            rays, block.pixels, block.object_points, block.weights > 0, board, centre, focal, 4, robust
+            rays, block.pixels, block.object_points, block.weights > 0, board, centre, focal, 4 if robust else 1, robust
         )
     return InitialGuess(focal, centre, poses)
 

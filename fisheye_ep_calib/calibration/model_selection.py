@@ -132,7 +132,25 @@ def choose(start: Fit, base: Structure, search: Search, models: tuple[str, ...] 
             else candidate(fitted[model].fit, replace(best.structure, model=model, terms=base.terms))
             for model in models
         }
-    return Choice(fitted, simplest_good(fitted), tuple(reasons))
+    chosen = simplest_good(fitted)
+    if base.terms is None:
+        chosen = _with_further_terms(chosen, reasons)
+        fitted[chosen.structure.model] = chosen
+    return Choice(fitted, chosen, tuple(reasons))
+
+
+def _with_further_terms(chosen: Candidate, reasons: list[str]) -> Candidate:
+    """The chosen pupil with as many more terms as the data support."""
+    most = PUPIL_FAMILIES[chosen.structure.model].max_terms
+    while chosen.structure.pupil_terms < most:
+        terms = chosen.structure.pupil_terms + 1
+        richer = candidate(chosen.fit, replace(chosen.structure, terms=terms))
+        kept = supported(richer, chosen)
+        reasons.append(_reason(f"{terms} terms of {chosen.structure.model}", richer, chosen, kept))
+        if not kept:
+            break
+        chosen = richer
+    return chosen
 
 
 def _with_addition(structure: Structure, name: str) -> Structure:

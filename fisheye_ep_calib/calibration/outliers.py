@@ -20,7 +20,7 @@ _QUANTILE = 0.75
 _WORST_SHARE = 0.5  # of a view's points: beyond it the whole view is wrong
 _SUSPICIOUS = 1.0  # px RMS; a worse fit may have been dragged off by errors that it no longer shows
 _ROUNDS = 8
-_LEAST_SIGMA = 1e-6  # px; below it residuals are rounding, not measurement
+_LEAST_SIGMA = 0.05  # px; what lies within 6 of these is a misfit of the camera, not a wrong sighting
 
 
 @dataclass(frozen=True)
@@ -68,14 +68,21 @@ def richest_structure(structure: Structure, sightings: Sightings) -> Structure:
     return rich if enough else structure
 
 
-def screen(sightings: Sightings, structure: Structure) -> Screening:
-    """Find a start and leave out wrong sightings."""
-    start = first_fit(sightings, structure.lens)
-    rich = richest_structure(structure, sightings)
-    fit = refine(start, rich)
-    if fit.adjustment.converged and fit.rms_px < _SUSPICIOUS and not has_outliers(fit):
+def screen(start: Fit, fit: Fit) -> Screening:
+    """Leave out wrong sightings. start: a first fit of all of them; fit: a structure's fit from there.
+
+    Where the fit itself leaves nothing beyond the limit, no richer one would.
+    """
+    if _is_clean(fit):
         return Screening(start, (), ())
-    return _screen_robustly(sightings, structure, rich)
+    rich = richest_structure(fit.structure, fit.sightings)
+    if _is_clean(refine(start, rich)):
+        return Screening(start, (), ())
+    return _screen_robustly(fit.sightings, fit.structure, rich)
+
+
+def _is_clean(fit: Fit) -> bool:
+    return fit.adjustment.converged and fit.rms_px < _SUSPICIOUS and not has_outliers(fit)
 
 
 def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure) -> Screening:

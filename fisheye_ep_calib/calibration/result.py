@@ -29,7 +29,8 @@ class CalibrationResult:
 
     fit: the chosen fit. rejected: sightings left out as wrong; wrong_views: images left out whole.
     comparison: other models side by side. reasons: what was chosen and why, a line each.
-    seconds: spent in "initialize" and "adjust".
+    seconds: spent in "initialize" and "adjust" (the first fit of the model), "screen" (wrong sightings) and
+    "compare" (the other models, cross-validation).
     """
 
     camera: FisheyeCamera

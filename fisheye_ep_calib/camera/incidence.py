@@ -11,6 +11,9 @@ import numpy as np
 
 from fisheye_ep_calib.camera.pupils import PupilFamily, entrance_pupil, entrance_pupil_derivative
 
+_NEWTON_STEPS = 8
+_SMALL_STEP = 1e-9  # rad; the steps converge quadratically, so that the next one is below rounding
+
 
 class PupilRange(NamedTuple):
     """Bounds of E(θ) in metres on [0, theta_limit] (rad)."""
@@ -21,9 +24,11 @@ class PupilRange(NamedTuple):
 
 
 class IncidenceAngle(NamedTuple):
-    """θ (rad), slope = D + E′(θ) sinθ (metres, > 0 where regular) and valid; each of shape S."""
+    """θ (rad), its sine and cosine, slope = D + E′(θ) sinθ (metres, > 0 where regular) and valid; each of shape S."""
 
     theta: np.ndarray
+    sine: np.ndarray
+    cosine: np.ndarray
     slope: np.ndarray
     valid: np.ndarray
 
@@ -37,12 +42,6 @@ def pupil_range(family: PupilFamily, coefficients: np.ndarray, theta_limit: floa
     return PupilRange(float(shift.min() - margin), float(shift.max() + margin), float(theta_limit))
 
 
-def _beyond_limit(rho, z, family, coefficients, bounds: PupilRange) -> np.ndarray:
-    """Points with g(theta_limit) > 0: they have no root of the right sign below the limit."""
-    shift = entrance_pupil(family, np.array(bounds.theta_limit), coefficients)
-    return rho * np.cos(bounds.theta_limit) > (z + shift) * np.sin(bounds.theta_limit)
-
-
 def solve_incidence_angle(
     rho: np.ndarray,
     z: np.ndarray,
@@ -52,41 +51,64 @@ def solve_incidence_angle(
 ) -> IncidenceAngle:
     """Solve θ = atan2(ρ, z + E(θ)) on [0, bounds.theta_limit].
 
-    rho, z: arrays of one shape S, metres. As lowest ≤ E ≤ highest, every root lies between
-    atan2(ρ, z + highest) and atan2(ρ, z + lowest); Newton steps are kept inside that bracket, and where the
-    slope has the wrong sign, inside the caustic, the bracket is halved instead. Where no root lies below
-    theta_limit, θ is theta_limit and valid is False.
+    rho, z: arrays of one shape S, metres. Plain Newton steps from the central angle settle nearly every point; those
+    that they do not are solved in a bracket. Where no root lies below theta_limit, valid is False.
     """
-    theta_limit = bounds.theta_limit
-    if len(coefficients) == 0:
-        theta = np.arctan2(rho, z)
-        valid = (theta <= theta_limit) & ((rho > 0) | (z > 0))
-        return IncidenceAngle(theta, np.hypot(rho, z), valid)
-    low = np.minimum(np.arctan2(rho, z + bounds.highest), theta_limit)
-    high = np.minimum(np.arctan2(rho, z + bounds.lowest), theta_limit)
     theta = np.arctan2(rho, z)
-    np.clip(theta, low, high, out=theta)
-    theta = np.arctan2(rho, z + entrance_pupil(family, theta, coefficients))
-    np.clip(theta, low, high, out=theta)
-    low = np.where(_beyond_limit(rho, z, family, coefficients, bounds), high, low)
+    if len(coefficients) == 0:
+        valid = (theta <= bounds.theta_limit) & ((rho > 0) | (z > 0))
+        distance = np.hypot(rho, z)
+        safe = np.where(distance > 0, distance, 1.0)
+        return IncidenceAngle(theta, rho / safe, z / safe, distance, valid)
+    with np.errstate(all="ignore"):  # points that run away are caught below
+        for _ in range(_NEWTON_STEPS):
+            value, slope, _, _ = _equation(theta, rho, z, family, coefficients)
+            step = value / slope
+            theta = theta + step
+            if np.abs(step).max(initial=0.0) < _SMALL_STEP:
+                break
+        solved = (np.abs(step) < _SMALL_STEP) & (theta >= 0) & (theta <= bounds.theta_limit)
+        value, slope, sine, cosine = _equation(theta, rho, z, family, coefficients)
+    if (solved & (slope > 0)).all():
+        return IncidenceAngle(theta, sine, cosine, slope, solved)
+    theta = np.where(solved, theta, bounds.theta_limit)
+    hard = ~(solved & (slope > 0))
+    theta[hard] = _solve_in_bracket(rho[hard], z[hard], family, coefficients, bounds)
+    value, slope, sine, cosine = _equation(theta, rho, z, family, coefficients)
+    distance = np.hypot(rho, z + entrance_pupil(family, theta, coefficients))
+    valid = (np.abs(value) <= 1e-9 * distance) & (slope > 0) & (distance > 0)
+    return IncidenceAngle(theta, sine, cosine, slope, valid)
+
+
+def _equation(theta, rho, z, family: PupilFamily, coefficients: np.ndarray):
+    """g(θ), −g′(θ) = ρ sinθ + (z + E) cosθ + E′ sinθ, sinθ and cosθ."""
+    sine, cosine = np.sin(theta), np.cos(theta)
+    axial = z + entrance_pupil(family, theta, coefficients)
+    value = rho * cosine - axial * sine
+    slope = (rho + entrance_pupil_derivative(family, theta, coefficients)) * sine + axial * cosine
+    return value, slope, sine, cosine
+
+
+def _solve_in_bracket(rho, z, family: PupilFamily, coefficients: np.ndarray, bounds: PupilRange) -> np.ndarray:
+    """θ by Newton steps kept in a bracket; theta_limit where there is no root below it.
+
+    As lowest ≤ E ≤ highest, every root lies between atan2(ρ, z + highest) and atan2(ρ, z + lowest). Where the slope
+    has the wrong sign, inside the caustic, the bracket is halved instead.
+    """
+    low = np.minimum(np.arctan2(rho, z + bounds.highest), bounds.theta_limit)
+    high = np.minimum(np.arctan2(rho, z + bounds.lowest), bounds.theta_limit)
+    at_limit, _, _, _ = _equation(high, rho, z, family, coefficients)
+    low = np.where((at_limit > 0) & (high >= bounds.theta_limit), high, low)
+    theta = 0.5 * (low + high)
     for _ in range(80):
-        sine, cosine = np.sin(theta), np.cos(theta)
-        axial = z + entrance_pupil(family, theta, coefficients)
-        value = rho * cosine - axial * sine
-        slope = rho * sine + axial * cosine + entrance_pupil_derivative(family, theta, coefficients) * sine
-        positive = value > 0
-        low = np.where(positive, theta, low)
-        high = np.where(positive, high, theta)
+        value, slope, _, _ = _equation(theta, rho, z, family, coefficients)
+        low = np.where(value > 0, theta, low)
+        high = np.where(value > 0, high, theta)
         updated = theta + value / np.where(slope > 0, slope, 1.0)
         inside = (slope > 0) & (updated >= low) & (updated <= high)
         updated = np.where(inside, updated, 0.5 * (low + high))
         change = np.abs(updated - theta).max(initial=0.0)
         theta = updated
-        if change < 1e-10:  # the steps converge quadratically: the next one is below rounding
+        if change < _SMALL_STEP:
             break
-    sine, cosine = np.sin(theta), np.cos(theta)
-    axial = z + entrance_pupil(family, theta, coefficients)
-    slope = rho * sine + axial * cosine + entrance_pupil_derivative(family, theta, coefficients) * sine
-    distance = np.hypot(rho, axial)
-    converged = np.abs(rho * cosine - axial * sine) <= 1e-9 * distance + 1e-300
-    return IncidenceAngle(theta, slope, converged & (slope > 0) & (distance > 0))
+    return theta

@@ -75,9 +75,8 @@ def project_coordinates(
 
     slope_inverse = 1.0 / np.where(incidence.slope > 0, incidence.slope, np.inf)
     radius_slope = camera.lens_model.radius_derivative(incidence.theta, camera.radial_array) * slope_inverse
-    sine, cosine = np.sin(incidence.theta), np.cos(incidence.theta)
-    along_rho = radius_slope * cosine
-    along_z = -radius_slope * sine
+    along_rho = radius_slope * incidence.cosine
+    along_z = -radius_slope * incidence.sine
     across = np.where(on_axis, along_rho, radius / safe_rho)
     mixed = cos_phi * sin_phi * (along_rho - across)
     d_point = np.empty((2, 3, *np.shape(rho)))
@@ -110,8 +109,11 @@ def project_coordinates(
 def _plane_parameter_jacobian(camera, incidence: IncidenceAngle, along_z, cos_phi, sin_phi) -> np.ndarray:
     """∂m/∂parameters before extras and pixels, (2, P, *S); only lens and pupil columns are filled."""
     theta = incidence.theta
-    jacobian = np.zeros((2, len(camera.parameter_names), *np.shape(theta)))
+    jacobian = np.empty((2, len(camera.parameter_names), *np.shape(theta)))
     lens = camera.parameter_slice("radial")
+    jacobian[:, : lens.start] = 0.0
+    for name, _ in camera.active_extras:
+        jacobian[:, camera.parameter_slice(name)] = 0.0
     d_radius = camera.lens_model.radius_jacobian(theta, camera.radial_array)
     np.multiply(d_radius, cos_phi, out=jacobian[0, lens])
     np.multiply(d_radius, sin_phi, out=jacobian[1, lens])

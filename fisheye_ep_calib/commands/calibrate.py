@@ -109,7 +109,7 @@ def _calibrate(camera: CameraSource, look_again, arguments: argparse.Namespace):
     again = look_again([Guide(camera.run, result.camera, poses)])[camera.name]
     result = calibrate(again.observations, arguments.model, **options)
     for step, value in {**again.seconds, **result.seconds}.items():
-        seconds[step] += value
+        seconds[step] = seconds.get(step, 0.0) + value
     return again, result, seconds
 
 
