@@ -118,6 +118,6 @@ def _predict_points(
     d_warp = not_computed()
     if warp_jacobian:
         normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
-        along = (d_point * np.moveaxis(normal, -1, 0)[:, :, None]).sum(axis=1)
+        along = (d_point * normal.T.reshape(3, *[1] * (points.ndim - 3), -1, 1)).sum(axis=1)
         d_warp = along[:, None] * shapes
     return Prediction(pixels, found.valid, found.theta, d_pose, found.d_parameters, d_warp)

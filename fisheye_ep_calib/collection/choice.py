@@ -15,8 +15,9 @@ from fisheye_ep_calib.calibration.view_selection import Novelty, ViewSignature
 from fisheye_ep_calib.errors import InputError
 
 # Fixed, and not a matter of how many workers there are: the choice must not depend on the machine.
-FRAMES_A_ROUND = 16
-FIRST_LOOK = 1 / 3
+FRAMES_A_ROUND = 24
+FIRST_LOOK = 1 / 3  # of the images that will be looked at
+INFORMATIVE = 2 / 3  # of a round; the others go where the target moved, entered or left
 
 # Worth of looking between two images, where 1 is a target that moved by the least that counts as new.
 WORTH_AT_ENTRY = 2.0  # found in one of them: in between it crosses the edge of the field, where views are rare
@@ -52,22 +53,26 @@ def first_look(count: int, choice: FrameChoice) -> list[int]:
     return sorted(set(np.round(np.linspace(0, count - 1, min(spread, choice.max_views))).astype(int).tolist()))
 
 
-def closer_look(seen: Mapping[int, ViewSignature | None], count: int, choice: FrameChoice) -> list[int]:
-    """The images to look at next: the middles of the gaps between images seen that promise most.
+def room_left(seen: int, count: int, choice: FrameChoice) -> int:
+    """How many images to look at in the next round."""
+    if choice.every is not None:
+        return 0
+    return max(0, min(FRAMES_A_ROUND, choice.max_views - seen, count - seen))
+
+
+def closer_look(seen: Mapping[int, ViewSignature | None], room: int) -> list[int]:
+    """Up to ``room`` images to look at next: the middles of the gaps that promise most.
 
     seen: image → how the target appeared in it, or None. Empty once nothing is to be gained.
     """
-    room = min(FRAMES_A_ROUND, choice.max_views - len(seen))
-    if choice.every is not None or room <= 0 or len(seen) >= count:
-        return []
     looked = sorted(seen)
     gaps = [(a, b) for a, b in zip(looked, looked[1:], strict=False) if b - a > 1]
     worth = np.array([_worth(seen[a], seen[b]) for a, b in gaps])
     # Among gaps of equal worth the longest first; ties go to the earliest.
     lengths = np.array([b - a for a, b in gaps])
     order = np.lexsort((-lengths, -np.round(worth, 9)))
-    chosen = [gaps[i] for i in order[:room] if worth[i] >= 1 or worth[i] == WORTH_OF_NOTHING]
-    return sorted((a + b) // 2 for a, b in chosen)
+    promising = [gaps[i] for i in order if worth[i] >= 1 or worth[i] == WORTH_OF_NOTHING]
+    return sorted((a + b) // 2 for a, b in promising[:room])
 
 
 def _worth(one: ViewSignature | None, other: ViewSignature | None) -> float:

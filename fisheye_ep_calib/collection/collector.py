@@ -13,8 +13,9 @@ import numpy as np
 from tqdm import tqdm
 
 from fisheye_ep_calib.calibration.view_selection import ViewSignature, view_signature
-from fisheye_ep_calib.collection.choice import FrameChoice, closer_look, first_look
+from fisheye_ep_calib.collection.choice import INFORMATIVE, FrameChoice, closer_look, first_look, room_left
 from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
+from fisheye_ep_calib.collection.information import most_informative
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
 from fisheye_ep_calib.collection.workers import FrameWorkers, Job
 from fisheye_ep_calib.errors import InputError
@@ -91,9 +92,7 @@ class Collector:
                 while any(planned.values()):
                     jobs = [Job(topic, index) for topic in topics for index in planned[topic]]
                     self._look(jobs, seen, progress)
-                    planned = {
-                        topic: closer_look(self._signatures(seen[topic]), counts[topic], choice) for topic in topics
-                    }
+                    planned = {topic: self._next_look(seen[topic], counts[topic], choice) for topic in topics}
                 progress.total = progress.n  # the rest of what was expected promised nothing new
             except KeyboardInterrupt:
                 interrupted = True
@@ -151,8 +150,19 @@ class Collector:
             log.add(result)
             yield result
 
-    def _signatures(self, frames: Mapping[int, FrameResult]) -> dict[int, ViewSignature | None]:
-        return {index: self._signature(frame) for index, frame in frames.items()}
+    def _next_look(self, seen: Mapping[int, FrameResult], count: int, choice: FrameChoice) -> list[int]:
+        """The images to look at next: those that tell most about the camera, and some where the target moves."""
+        room = room_left(len(seen), count, choice)
+        found = {index: frame for index, frame in seen.items() if frame.found}
+        chosen: list[int] = []
+        if room and found:
+            detections = {index: frame.detection for index, frame in found.items()}
+            size = next(iter(found.values())).image_size or (0, 0)
+            share = round(INFORMATIVE * room)
+            chosen = most_informative(detections, sorted(seen), self._target, size, share)
+        signatures = {index: self._signature(frame) for index, frame in seen.items()}
+        moving = [index for index in closer_look(signatures, room) if index not in chosen]
+        return sorted(chosen + moving[: room - len(chosen)])
 
     def _signature(self, frame: FrameResult) -> ViewSignature | None:
         if not frame.found or frame.image_size is None:

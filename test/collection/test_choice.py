@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib.calibration.view_selection import ViewSignature
-from fisheye_ep_calib.collection.choice import FrameChoice, closer_look, first_look
+from fisheye_ep_calib.collection.choice import FrameChoice, closer_look, first_look, room_left
 from fisheye_ep_calib.errors import InputError
 
 
@@ -19,7 +19,7 @@ def look_at_all_chosen(recording, choice) -> list[int]:
     while chosen:
         assert not set(chosen) & set(seen), "an image was looked at twice"
         seen.update((index, recording[index]) for index in chosen)
-        chosen = closer_look(seen, len(recording), choice)
+        chosen = closer_look(seen, room_left(len(seen), len(recording), choice))
     return sorted(seen)
 
 

@@ -1,0 +1,210 @@
+"""Which images would tell most about the camera, judged before they are read.
+
+From the views so far a rough camera and their poses; between two of them the target is taken to have moved evenly.
+Where it then stands tells, through the camera's Jacobians, how much an image there would narrow down E(θ) and the
+rest of the camera: the images that narrow it most are looked at next (a greedy, sequential optimal design).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.fit import first_fit, sightings_of
+from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.calibration.rotation import rotation_from_vector
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.target.base import Target
+from fisheye_ep_calib.target.detection import Detection
+
+MIN_VIEWS = 8
+MAX_CANDIDATES = 800
+POINTS_A_VIEW = 20  # enough to tell views apart
+# Fractions of the image height: a target that moved less repeats the same errors; its image adds nothing new.
+LEAST_MOTION = 0.006
+ROUGH_FIT = 0.02  # median residual above which the rough camera is not to be trusted
+
+
+@dataclass(frozen=True)
+class _Views:
+    """Predicted views. images (F,). pixels (F, n, 2), NaN where out of sight. information (F, P, P)."""
+
+    images: np.ndarray
+    pixels: np.ndarray
+    information: np.ndarray
+
+
+def most_informative(
+    found: Mapping[int, Detection], seen: Sequence[int], target: Target, image_size: tuple[int, int], room: int
+) -> list[int]:
+    """Up to ``room`` images between those seen, the most informative first; none where too little is known.
+
+    found: image → detection, of those in which the target was found; seen: all that were looked at.
+    """
+    if room < 1 or len(found) < MIN_VIEWS:
+        return []
+    start = _rough_camera(found, target, image_size)
+    if start is None:
+        return []
+    camera, images, poses = start
+    between, poses_between = _poses_between(images, poses, sorted(seen), _middle(target))
+    if len(between) == 0:
+        return []
+    points = target.object_points[:: max(1, len(target.object_points) // POINTS_A_VIEW)]
+    known = _views(camera, points, images, poses)
+    candidates = _views(camera, points, between, poses_between)
+    return _greedy(camera, known, candidates, room, LEAST_MOTION * image_size[1])
+
+
+def _rough_camera(
+    found: Mapping[int, Detection], target: Target, image_size: tuple[int, int]
+) -> tuple[FisheyeCamera, np.ndarray, np.ndarray] | None:
+    """A camera with an entrance pupil still at zero, the images (V,) that have a pose, and the poses (V, 4, 4)."""
+    images = np.array(sorted(found))
+    try:
+        observations = Observations.create(
+            target.object_points,
+            np.concatenate([np.full(len(found[image]), i) for i, image in enumerate(images.tolist())]),
+            np.concatenate([found[image].point_index for image in images.tolist()]),
+            np.concatenate([found[image].pixels for image in images.tolist()]),
+            image_size,
+        )
+        fit = first_fit(sightings_of(observations))
+    except (CalibrationError, np.linalg.LinAlgError):
+        return None
+    error = np.linalg.norm(fit.residuals[0], axis=-1)
+    if not np.nanmedian(error) < ROUGH_FIT * image_size[1]:
+        return None
+    camera = replace(fit.state.camera, model="ep_even", coefficients=(0.0, 0.0))
+    return camera, images[fit.sightings.images], fit.state.camera_from_target
+
+
+def _middle(target: Target) -> np.ndarray:
+    return 0.5 * (target.object_points.min(axis=0) + target.object_points.max(axis=0))
+
+
+def _poses_between(
+    images: np.ndarray, poses: np.ndarray, seen: Sequence[int], middle: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Images not seen between two neighbours in ``seen`` that both have a pose, and their supposed poses.
+
+    The board turns about one axis; its middle moves evenly in direction and in the logarithm of its distance.
+    """
+    number = {image: view for view, image in enumerate(images.tolist())}
+    gaps = [(a, b) for a, b in zip(seen, seen[1:], strict=False) if b - a > 1 and a in number and b in number]
+    between = np.array([image for a, b in gaps for image in range(a + 1, b)], dtype=int)
+    stride = -(-len(between) // MAX_CANDIDATES) or 1
+    between = between[stride // 2 :: stride]
+    if len(between) == 0:
+        return between, np.empty((0, 4, 4))
+    starts, ends = (np.array([gap[side] for gap in gaps]) for side in (0, 1))
+    gap = np.searchsorted(starts, between, side="right") - 1
+    share = (between - starts[gap]) / (ends[gap] - starts[gap])
+    first = poses[[number[a] for a in starts[gap].tolist()]]
+    last = poses[[number[b] for b in ends[gap].tolist()]]
+    turned = np.swapaxes(first[:, :3, :3], -1, -2) @ last[:, :3, :3]
+    result = np.tile(np.eye(4), (len(between), 1, 1))
+    result[:, :3, :3] = first[:, :3, :3] @ rotation_from_vector(share[:, None] * _rotation_vector(turned))
+    center = [pose[:, :3, :3] @ middle + pose[:, :3, 3] for pose in (first, last)]
+    distance = [np.linalg.norm(one, axis=-1, keepdims=True) for one in center]
+    direction = (1 - share[:, None]) * center[0] / distance[0] + share[:, None] * center[1] / distance[1]
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True) + 1e-12
+    far = distance[0] ** (1 - share[:, None]) * distance[1] ** share[:, None]
+    result[:, :3, 3] = far * direction - result[:, :3, :3] @ middle
+    return between, result
+
+
+def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
+    """Rotation vectors (..., 3) of rotations (..., 3, 3); good enough near half a turn for a supposition."""
+    axis = np.stack(
+        [
+            rotation[..., 2, 1] - rotation[..., 1, 2],
+            rotation[..., 0, 2] - rotation[..., 2, 0],
+            rotation[..., 1, 0] - rotation[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    length = np.linalg.norm(axis, axis=-1, keepdims=True)
+    angle = np.arctan2(length, np.trace(rotation, axis1=-2, axis2=-1)[..., None] - 1)
+    return axis * angle / np.maximum(length, 1e-12)
+
+
+def _views(camera: FisheyeCamera, points: np.ndarray, images: np.ndarray, poses: np.ndarray) -> _Views:
+    """What views at poses (F, 4, 4) would show of points (n, 3), and tell of the camera once each pose is free.
+
+    With A, B the derivatives of the pixels by the camera and by the pose: Aᵀ A − Aᵀ B (Bᵀ B)⁻¹ Bᵀ A.
+    """
+    turned = points @ np.swapaxes(poses[:, :3, :3], -1, -2)
+    pixels, valid, d_point, d_camera = camera.project_with_jacobian(turned + poses[:, None, :3, 3])
+    inside = valid & ((pixels > 0) & (pixels < np.array(camera.image_size) - 1)).all(axis=-1)
+    # ∂(ω × q + t): a turn by ω about the target's origin moves q = R p by −[q]× ω.
+    cross = np.zeros((*turned.shape, 3))
+    for axis in range(3):
+        after, last = (axis + 1) % 3, (axis + 2) % 3
+        cross[..., axis, after], cross[..., axis, last] = turned[..., last], -turned[..., after]
+    d_pose = np.concatenate([d_point @ cross, d_point], axis=-1)
+    shape = (len(poses), -1)
+    a = np.where(inside[..., None, None], d_camera, 0).reshape(*shape, d_camera.shape[-1])
+    b = np.where(inside[..., None, None], d_pose, 0).reshape(*shape, 6)
+    b_b = np.swapaxes(b, -1, -2) @ b
+    scale = np.trace(b_b, axis1=-2, axis2=-1)[:, None, None]
+    a_b = np.swapaxes(a, -1, -2) @ b
+    folded = a_b @ np.linalg.solve(b_b + (1e-12 * scale + 1e-30) * np.eye(6), np.swapaxes(a_b, -1, -2))
+    information = np.swapaxes(a, -1, -2) @ a - folded
+    information[inside.sum(axis=-1) < 4] = 0
+    return _Views(images, np.where(inside[..., None], pixels, np.nan), information)
+
+
+def _greedy(camera: FisheyeCamera, known: _Views, candidates: _Views, room: int, least_motion: float) -> list[int]:
+    """Take, one after the other, the candidate that most lowers the variances that are still largest.
+
+    To first order an image with information N lowers a variance jᵀ M⁻¹ j by jᵀ M⁻¹ N M⁻¹ j, M being the information
+    so far. The variances, each relative to its present value, are those of E(θ) over the field and of every parameter.
+    """
+    total = known.information.sum(axis=0)
+    scale = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
+    weigh = scale * scale[:, None]
+    total = total * weigh + 1e-9 * np.eye(len(total))
+    information = candidates.information * weigh
+    sought = _sought(camera) * scale
+    fresh = _moved(candidates.pixels, known.pixels, least_motion)
+    taken: list[int] = []
+    while len(taken) < room and fresh.any():
+        covariance = np.linalg.inv(total)
+        variance = np.einsum("qi,ij,qj->q", sought, covariance, sought)
+        spread = (sought @ covariance) / np.sqrt(np.maximum(variance, 1e-300))[:, None]
+        gain = np.where(fresh, np.einsum("nij,ij->n", information, spread.T @ spread), -1)
+        best = int(np.argmax(gain))
+        if gain[best] <= 0:
+            break
+        taken.append(best)
+        total = total + information[best]
+        fresh &= _moved(candidates.pixels, candidates.pixels[best : best + 1], least_motion)
+    return [int(candidates.images[one]) for one in taken]
+
+
+def _sought(camera: FisheyeCamera) -> np.ndarray:
+    """Rows (Q, P): the derivatives of what is sought by the camera's parameters; E(θ) weighs as much as the rest."""
+    names = camera.parameter_names
+    pupil = camera.parameter_slice("coefficients")
+    theta = np.linspace(0.3, 1.0, 2 * len(names)) * min(camera.theta_limit, np.pi / 2)
+    curve = np.zeros((len(theta), len(names)))
+    for column in range(pupil.start, pupil.stop):
+        unit = np.zeros(pupil.stop - pupil.start)
+        unit[column - pupil.start] = 1e-3
+        one_more = replace(camera, coefficients=tuple(unit.tolist()))
+        curve[:, column] = one_more.entrance_pupil(theta) / 1e-3
+    return np.concatenate([curve, np.eye(len(names))])
+
+
+def _moved(pixels: np.ndarray, others: np.ndarray, least: float) -> np.ndarray:
+    """Which views (F, n, 2) differ from all the others (S, n, 2) by at least this many pixels in the mean (F,)."""
+    moved = np.ones(len(pixels), dtype=bool)
+    for other in others:
+        both = np.isfinite(pixels).all(axis=-1) & np.isfinite(other).all(axis=-1)
+        distance = np.where(both, np.linalg.norm(np.nan_to_num(pixels - other), axis=-1), 0).sum(axis=-1)
+        moved &= (both.sum(axis=-1) == 0) | (distance >= least * both.sum(axis=-1))
+    return moved
