@@ -118,18 +118,19 @@ def _plausible(image: np.ndarray, state: Measurement) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Levels:
-    """Brightness of the board as planes (d, 3) about the discs' centres, of the discs (d,), noise (d,),
-    soundness.
+    """Brightness of the board, plane, and of the discs, dark_plane, as planes (d, 3) about the discs' centres.
+
+    noise (d,): of the board. sound (d,): enough of board and disc is seen.
     """
 
     plane: np.ndarray
-    dark: np.ndarray
+    dark_plane: np.ndarray
     noise: np.ndarray
     sound: np.ndarray
 
     @property
     def contrast(self) -> np.ndarray:
-        return self.plane[:, 0] - self.dark
+        return self.plane[:, 0] - self.dark_plane[:, 0]
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ def _measure_once(
     """
     shape = state.shape
     levels = _levels(image, state, hole, ratio)
-    band = 2.5 * state.blur + 1.0 + 0.03 * major_axis(shape)
+    band = 2.5 * state.blur + 1.0 + 0.01 * major_axis(shape)
     patches = PixelPatches.cut(image, state.center, _half_box(shape) + band[:, None] + 1.5)
     ellipse = _Ellipse.of(patches, shape)
     weight = _dark_share(patches, levels)
@@ -194,15 +195,15 @@ def _measure_once(
 
 
 def _dark_share(patches: PixelPatches, levels: _Levels) -> np.ndarray:
-    """How much of each pixel (p,) is disc: (ground − I) / (ground − disc).
+    """How much of each pixel (p,) is disc: (ground − I) / (ground − disc)."""
+    light, dark = _height(levels.plane, patches), _height(levels.dark_plane, patches)
+    return (light - patches.value) / np.maximum(light - dark, 1)
 
-    Light falls on disc and board alike, so the disc's brightness is taken as a fixed share of the ground's.
-    """
-    share = np.clip(levels.dark / np.maximum(levels.plane[:, 0], 1e-6), 0, 0.95)
-    scale = (1 / (1 - share)).astype(np.float32)
-    plane = levels.plane.astype(np.float32)[patches.owner]
-    ground = np.maximum(plane[:, 0] + plane[:, 1] * patches.x + plane[:, 2] * patches.y, 1)
-    return (1 - patches.value / ground) * scale[patches.owner]
+
+def _height(plane: np.ndarray, patches: PixelPatches) -> np.ndarray:
+    """Values (p,) at the pixels of planes (d, 3)."""
+    plane = plane.astype(np.float32)[patches.owner]
+    return plane[:, 0] + plane[:, 1] * patches.x + plane[:, 2] * patches.y
 
 
 def _levels(image: np.ndarray, state: Measurement, hole: np.ndarray, ratio: float) -> _Levels:
@@ -211,54 +212,57 @@ def _levels(image: np.ndarray, state: Measurement, hole: np.ndarray, ratio: floa
     shape = state.shape
     band = 2.0 * state.blur + 0.7
     # Near the edge, where the ground counts, but wide enough for a small disc.
-    reach = 1 + np.maximum(0.35, (band + 9.0) / np.maximum(minor_axis(shape), 1))
+    reach = 1 + np.maximum(0.15, (band + 9.0) / np.maximum(minor_axis(shape), 1))
     reach = np.minimum(reach, min(RING_REACH, max(ratio - 0.8, 1.3)))
-    stride = np.maximum(1, (major_axis(shape) / 7).astype(int))
+    stride = np.maximum(1, (major_axis(shape) / 10).astype(int))
     patches = PixelPatches.cut(image, state.center, reach[:, None] * _half_box(shape) + 2.0, stride)
     ellipse = _Ellipse.of(patches, shape)
-    core = ellipse.radius < 0.65
+    core = (ellipse.distance < -band[patches.owner]) | (ellipse.radius < 0.5)
     if (hole > 0).any():
         core = (ellipse.radius < 0.8) & (ellipse.radius > np.where(hole > 0, hole + 0.15, -1)[patches.owner])
     dark = patches.mean(patches.value, core)
-    ring = (ellipse.distance > band[patches.owner]) & (ellipse.radius > 1.12)
-    ring &= ellipse.radius < reach.astype(np.float32)[patches.owner]
+    ring = (ellipse.distance > band[patches.owner]) & (ellipse.radius < reach.astype(np.float32)[patches.owner])
     total = np.maximum(patches.sum(ring), 1)
+    light = patches.mean(patches.value, ring)
+    bright = patches.value > (0.5 * (light + dark)).astype(np.float32)[patches.owner]
+    light = patches.mean(patches.value, ring & bright)
 
-    middle = patches.mean(patches.value, ring)
-    middle = patches.mean(
-        patches.value, ring & (patches.value > (0.5 * (middle + dark)).astype(np.float32)[patches.owner])
-    )
-    plane = np.stack([middle, *np.zeros((2, len(patches)))], axis=-1)
+    plane = np.stack([light, *np.zeros((2, len(patches)))], axis=-1)
     noise = np.zeros(len(patches))
+    kept = ring
     spread = patches.sum(ring * (patches.x**2 + patches.y**2)) / 2
-    weight = np.zeros(len(patches.value), dtype=np.float32)
+    trust = _trust(shape)
     # Other discs and occluders are cut off: what is darker than the board, more closely each time.
     for share in (0.5, 0.75, 0.88, None):
-        flat = plane.astype(np.float32)[patches.owner]
-        rest = patches.value - flat[:, 0] - flat[:, 1] * patches.x - flat[:, 2] * patches.y
+        rest = patches.value - _height(plane, patches)
         if share is None:
-            kept = (weight > 0) & (
-                np.abs(rest) < np.maximum(2.5 * noise, 2).astype(np.float32)[patches.owner]
-            )
+            kept = kept & (np.abs(rest) < np.maximum(2.5 * noise, 2).astype(np.float32)[patches.owner])
         else:
             depth = np.maximum((1 - share) * (plane[:, 0] - dark), 1.5)
             kept = ring & (rest > -depth.astype(np.float32)[patches.owner])
-        weight = kept.astype(np.float32)
-        expected, trust = _shading(state.center, patches.mean(patches.value, kept), shape)
-        plane = fit_planes(patches, weight, expected, trust * spread)
+        expected = _shading(state.center, patches.mean(patches.value, kept), shape)
+        plane = fit_planes(patches, kept.astype(np.float32), expected, trust * spread)
         noise = np.sqrt(patches.mean(rest**2, kept))
-    enough = patches.sum(weight) > np.maximum(5, 0.2 * total)
-    return _Levels(plane, dark, noise, enough & (patches.sum(core) > 0))
+    # Light falls on disc and board alike: a small disc's slope is taken as the board's in proportion.
+    share = np.clip(dark / np.maximum(plane[:, 0], 1e-6), 0, 0.95)
+    inside = patches.sum(core * (patches.x**2 + patches.y**2)) / 2
+    dark_plane = fit_planes(patches, core.astype(np.float32), share[:, None] * plane[:, 1:], (0.2 + trust) * inside)
+    enough = (patches.sum(kept) > np.maximum(5, 0.2 * total)) & (patches.sum(core) > 0)
+    return _Levels(plane, dark_plane, noise, enough)
 
 
-def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How the board's brightness changes about each disc, from the levels around its neighbours.
+def _trust(shape: np.ndarray) -> np.ndarray:
+    """What slopes from elsewhere are worth (d,) against those of a disc's own pixels.
 
-    Returns slopes (d, 2) along x and y, and how much they are worth against the slope of a disc's own ring. A
-    small disc's ring is narrow and other discs' blurred edges reach into it, so its own slope would be poor.
+    A small disc's ring is narrow and other discs' blurred edges reach into it, so its own slope would be poor.
     """
+    return np.minimum(1, (SMALL_DISC / np.maximum(minor_axis(shape), 1)) ** 4)
+
+
+def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Slopes (d, 2) of the board's brightness along x and y, from the levels around the neighbours of each disc."""
     if len(center) < 6:
-        return np.zeros((len(center), 2)), np.full(len(center), 0.05)
+        return np.zeros((len(center), 2))
     _, near = cKDTree(center).query(center, k=min(9, len(center)))
     offset = center[near] - center[:, None]
     rise = level[near] - level[:, None]
@@ -267,8 +271,7 @@ def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> tuple[
     slope = np.linalg.solve(normal, np.einsum("dki,dk->di", offset, rise)[..., None])[..., 0]
     # More than a quarter of the level across a disc is no shading but an occluder's shadow in one of the rings.
     steep = np.hypot(*slope.T) * major_axis(shape) > 0.25 * np.maximum(level, 1)
-    trust = np.minimum(1, (SMALL_DISC / np.maximum(minor_axis(shape), 1)) ** 4)
-    return np.where(steep[:, None], 0, slope), trust
+    return np.where(steep[:, None], 0, slope)
 
 
 def _ellipse_of_mass(patches: PixelPatches, mass, move, area, shape) -> np.ndarray:
