@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.diagnosis import Diagnosis, diagnose
 from fisheye_ep_calib.calibration.fit import Fit
 from fisheye_ep_calib.calibration.outliers import RejectedPoint
 from fisheye_ep_calib.calibration.stand_in import StandIn
-from fisheye_ep_calib.calibration.uncertainty import Uncertainty
+from fisheye_ep_calib.calibration.uncertainty import ProjectionTable, Uncertainty, projection_table
 from fisheye_ep_calib.camera import FisheyeCamera
 
 
@@ -83,6 +85,16 @@ class CalibrationResult:
     @property
     def converged(self) -> bool:
         return self.fit.adjustment.converged
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """What the recording could and could not tell, and what to record more of."""
+        return diagnose(self.fit, self.camera, self.fit.sightings.observations.image_names)
+
+    @cached_property
+    def projection_table(self) -> ProjectionTable:
+        """Projection uncertainty by angle and distance."""
+        return projection_table(self.camera, self.uncertainty, self.fit.problem.free)
 
     @property
     def reprojection_error(self) -> np.ndarray:

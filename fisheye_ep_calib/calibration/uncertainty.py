@@ -103,6 +103,33 @@ def _band(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(np.einsum("i...,ij,j...->...", rows, covariance, rows), 0.0))
 
 
+TABLE_DISTANCES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
+_TABLE_STEP = 10  # degrees
+_FAR = 1e6  # metres, in place of infinity
+
+
+@dataclass(frozen=True)
+class ProjectionTable:
+    """sigma_px (angles, distances): projection uncertainty at theta_deg (angles,) and distance_m (distances,)."""
+
+    theta_deg: np.ndarray
+    distance_m: np.ndarray
+    sigma_px: np.ndarray
+
+
+def projection_table(camera: FisheyeCamera, known: Uncertainty, free: np.ndarray) -> ProjectionTable:
+    """Projection uncertainty by angle and distance, RMS over eight azimuths."""
+    degrees = np.arange(0, int(np.degrees(camera.theta_limit)) + 1, _TABLE_STEP)
+    azimuth = np.radians(np.arange(0, 360, 45))
+    distances = np.array(TABLE_DISTANCES)
+    theta, turn, distance = np.meshgrid(np.radians(degrees), azimuth, np.minimum(distances, _FAR), indexing="ij")
+    directions = np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn), np.cos(theta)], axis=-1)
+    points = directions * distance[..., None]
+    points[..., 2] -= camera.entrance_pupil(theta)
+    sigma = projection_uncertainty(camera, known, free, points)
+    return ProjectionTable(degrees, distances, np.sqrt((sigma**2).mean(axis=1)))
+
+
 def projection_uncertainty(
     camera: FisheyeCamera, known: Uncertainty, free: np.ndarray, points: np.ndarray
 ) -> np.ndarray:

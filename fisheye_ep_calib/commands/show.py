@@ -53,6 +53,10 @@ def camera_json(file: CameraFile) -> dict:
         "E_sigma_m": pupil_sigma(camera, covariance, theta).tolist(),
         "r_px": (camera.fx * camera.radius(theta)).tolist(),
         "r_sigma_px": radius_sigma(camera, covariance, theta).tolist(),
+        "projection_uncertainty": {
+            key: [value if np.isfinite(value) else "inf" for value in values] if key == "distance_m" else values
+            for key, values in file.projection_uncertainty.items()
+        },
         "svp": {
             "distance": file.stand_in_distance if np.isfinite(file.stand_in_distance) else "inf",
             "loss_px": {str(key): value for key, value in file.stand_in_loss_px.items()},
@@ -80,9 +84,21 @@ def _text(file: CameraFile, content: dict) -> str:
                 f"  {degrees:>4}° {1e3 * shift:>10.4f} {1e3 * shift_sigma:>9.4f}"
                 f" {radius:>11.3f} {radius_sigma_px:>8.3f}"
             )
+    lines += _uncertainty_lines(content["projection_uncertainty"])
     losses = ", ".join(f"{value:.2f} px at {key} m" for key, value in content["svp"]["loss_px"].items())
     if losses:
         lines.append(f"  a single-viewpoint consumer of CameraInfo loses {losses}")
     for key, value in file.calibration.items():
         lines.append(f"  {key}: {value}")
     return "\n".join(lines)
+
+
+def _uncertainty_lines(table: dict) -> list[str]:
+    """Projection uncertainty, px, as a table of angle by distance."""
+    if not table:
+        return []
+    lines = ["  projection uncertainty, px, by angle and distance:"]
+    lines.append(f"  {'θ':>5} " + "".join(f"{str(distance) + ' m':>9}" for distance in table["distance_m"]))
+    for degrees, row in zip(table["theta_deg"], table["sigma_px"], strict=True):
+        lines.append(f"  {degrees:>4.0f}° " + "".join(f"{value:>9.3f}" for value in row))
+    return lines

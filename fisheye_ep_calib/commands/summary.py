@@ -41,6 +41,10 @@ def calibration_json(camera: CameraSource, result: CalibrationResult, seconds: d
         ],
         "wrong_views": [names[view] for view in result.wrong_views],
         "unused_views": camera.unused_views,
+        "diagnosis": [
+            {"name": one.name, "values": one.values, "concern": one.concern, "sentence": one.sentence}
+            for one in result.diagnosis.findings
+        ],
     }
 
 
@@ -57,6 +61,7 @@ def calibration_text(camera: CameraSource, result: CalibrationResult, path: Path
         bow = ", ".join(f"{1e3 * value:+.3f}" for value in result.board_warp)
         lines.append(f"  board warp (x, y, twist): {bow} mm")
     lines.append(f"  {verdict(result)}")
+    lines += [f"  {'!' if one.concern else '·'} {one.name}: {one.sentence}" for one in result.diagnosis.findings]
     lines.append(f"  a single-viewpoint consumer of CameraInfo loses {_losses(result)}")
     lines.append(f"  wrote {path}")
     return "\n".join(lines)

@@ -32,6 +32,7 @@ class CameraFile:
 
     stand_in: the camera of the top level. stand_in_distance: metres. stand_in_loss_px: by distance in metres.
     board_warp (3,): metres. calibration: the other facts about how it was made.
+    projection_uncertainty: theta_deg, distance_m and the rows sigma_px; empty where unknown.
     """
 
     name: str
@@ -42,6 +43,7 @@ class CameraFile:
     stand_in_loss_px: dict[float, float] = field(default_factory=dict)
     board_warp: np.ndarray = field(default_factory=lambda: np.zeros(len(WARP_NAMES)))
     calibration: dict = field(default_factory=dict)
+    projection_uncertainty: dict = field(default_factory=dict)
 
 
 def save_camera(path: str | PathLike, result: CalibrationResult, name: str, source: str = "") -> None:
@@ -67,6 +69,7 @@ def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
         "theta_max": float(camera.theta_max),
         "parameters": list(camera.parameter_names),
         "covariance": [_floats(row) for row in result.uncertainty.covariance],
+        "projection_uncertainty": _projection_uncertainty(result),
         "svp": {
             "distance": float(stand_in.distance),
             "loss_px": {float(key): round(value, 6) for key, value in stand_in.loss_px.items()},
@@ -86,6 +89,16 @@ def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
         },
     }
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1 << 16)
+
+
+def _projection_uncertainty(result: CalibrationResult) -> dict:
+    """1σ in px per axis, a row an angle and a column a distance."""
+    table = result.projection_table
+    return {
+        "theta_deg": _floats(table.theta_deg),
+        "distance_m": _floats(table.distance_m),
+        "sigma_px": [[round(value, 6) for value in _floats(row)] for row in table.sigma_px],
+    }
 
 
 def _top_level(stand_in: FisheyeCamera, name: str) -> dict:
@@ -192,6 +205,7 @@ def _camera_file(content: dict) -> CameraFile:
         {float(key): float(value) for key, value in svp.get("loss_px", {}).items()},
         _board_warp(calibration.get("board_warp", ())),
         calibration,
+        _checked_table(block.get("projection_uncertainty", {})),
     )
 
 
@@ -209,6 +223,15 @@ def _stand_in(content: dict) -> FisheyeCamera:
     return FisheyeCamera(
         size, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], skew=matrix[0, 1], radial=distortion
     )
+
+
+def _checked_table(block: dict) -> dict:
+    if not block:
+        return {}
+    table = {key: np.array(block[key], dtype=float) for key in ("theta_deg", "distance_m", "sigma_px")}
+    if table["sigma_px"].shape != (len(table["theta_deg"]), len(table["distance_m"])):
+        raise InputError("projection_uncertainty has a row an angle and a column a distance")
+    return {key: value.tolist() for key, value in table.items()}
 
 
 def _covariance(block: dict, camera: FisheyeCamera) -> np.ndarray:
