@@ -52,7 +52,7 @@ setup(
         "opencv-python-headless>=4.6",
         "pyyaml>=6.0",
         "mcap>=1.1",
-        "rosbags>=0.10",
+        "rosbags>=0.10.9",
         "tqdm>=4.60",
         "matplotlib>=3.6",
         f"calib-targets>=0.15,<0.16; {HAS_CALIB_TARGETS}",
