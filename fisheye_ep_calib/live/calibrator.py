@@ -3,17 +3,33 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
 
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.frame import RawFrame, Sighting, detect_in_frame
 from fisheye_ep_calib.live.outcome import Outcome, calibrate_views
+from fisheye_ep_calib.live.overlay import OverlayRequest
 from fisheye_ep_calib.live.session import CameraSession, Verdict
 from fisheye_ep_calib.live.settings import Settings, Tuning
+from fisheye_ep_calib.live.status import CameraStatus, Reception, camera_status, next_step
 from fisheye_ep_calib.live.work_pool import Task, WorkPool
+
+
+class Listener(Protocol):
+    """Who is told what happens; called on threads of the pool."""
+
+    def calibrated(self, camera: str, outcome: Outcome | None) -> None:
+        """A calibration comes into force; None: there is none any more."""
+
+    def wants_picture(self, camera: str) -> bool:
+        """Whether anybody looks at the camera's overlay."""
+
+    def picture(self, camera: str, header: Any, picture: np.ndarray) -> None:
+        """The overlay (h, w, 3) uint8, blue green red, of the image that had this header."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +48,13 @@ class LiveCalibrator:
         settings: Settings,
         tuning: Tuning,
         announcer: Announcer,
-        on_result: Callable[[str, Outcome | None], None],
+        listener: Listener,
     ) -> None:
-        """on_result: told (camera, outcome) when a calibration comes into force, None when there is none more.
-
-        Raises InputError where an earlier run's views cannot be taken up.
-        """
+        """Raises InputError where an earlier run's views cannot be taken up."""
         self._announcer = announcer
-        self._on_result = on_result
+        self._listener = listener
         self._tuning = tuning
+        self._published = {camera.name: camera.initial for camera in settings.cameras}
         self._models = {camera.name: camera.model for camera in settings.cameras}
         self._automatic: dict[str, int] = {}  # views that each camera's last automatic calibration had
         self._stopping = threading.Event()
@@ -71,22 +85,31 @@ class LiveCalibrator:
         session = self.sessions.get(name)
         if session is None:
             return
-        task = Task(
-            detect_in_frame,
-            lambda: (RawFrame.from_message(message, frame_name), session.target),
-            lambda sighting, error: self._searched(session, sighting, error),
-        )
-        dropped = self._pool.offer_frame(name, task)
+        header = message.header
+
+        def arguments() -> tuple:
+            return RawFrame.from_message(message, frame_name), session.target, self._overlay(session)
+
+        def done(sighting: Sighting | None, error: CalibrationError | None) -> None:
+            self._searched(session, sighting, error)
+            if sighting is not None and sighting.picture is not None:
+                self._listener.picture(name, header, sighting.picture)
+
+        dropped = self._pool.offer_frame(name, Task(detect_in_frame, arguments, done))
         session.count(received=1, dropped=int(dropped))
+
+    def outcome(self, name: str) -> Outcome | None:
+        """The calibration in force of a camera, be it one that is only published."""
+        return self.sessions[name].outcome if name in self.sessions else self._published[name]
 
     def calibrate(self) -> Answer:
         """Calibrate every camera from all its views and wait for the results."""
         waiting = [self._queue_calibration(name, asked=True) for name in self.sessions]
-        return _together([promise.wait(self._stopping) for promise in waiting])
+        return together([promise.wait(self._stopping) for promise in waiting])
 
     def save(self) -> Answer:
         """Write every camera's views and calibration again; waits for the disk."""
-        return _together([self._save(session, again=True) for session in self.sessions.values()])
+        return together([self._save(session, again=True) for session in self.sessions.values()])
 
     def reset(self) -> Answer:
         """Forget all views and calibrations; their observation files are set aside."""
@@ -98,10 +121,10 @@ class LiveCalibrator:
                 answers.append(Answer(False, f"{name}: {error}"))
                 continue
             self._automatic.pop(name, None)
-            self._on_result(name, session.outcome)
+            self._listener.calibrated(name, session.outcome)
             self._announcer.over(f"{name} size")
             answers.append(Answer(True, f"{name}: {forgotten} views set aside"))
-        return _together(answers)
+        return together(answers)
 
     def retry_writing(self) -> None:
         """Write what the disk refused before; call it now and then."""
@@ -114,6 +137,27 @@ class LiveCalibrator:
         self._stopping.set()
         self._pool.stop()
         self.retry_writing()
+
+    def status(self, reception: dict[str, Reception]) -> list[CameraStatus]:
+        """Where each camera stands, given how its images arrive."""
+        standing = self._announcer.standing()
+        return [
+            camera_status(
+                session,
+                reception[name],
+                [text for key, text in standing.items() if key.partition(" ")[0] in (name, "pool")],
+                self._tuning.minimum_views,
+            )
+            for name, session in self.sessions.items()
+        ]
+
+    def _overlay(self, session: CameraSession) -> OverlayRequest | None:
+        if not self._listener.wants_picture(session.name):
+            return None
+        views = session.views
+        covered = np.concatenate([view.pixels for view in views]) if views else np.empty((0, 2))
+        lines = (f"{session.name}: {len(views)} views", next_step(session, self._tuning.minimum_views))
+        return OverlayRequest(covered, lines)
 
     def _task_failed(self, text: str) -> None:
         self._announcer.warn_once("pool", f"this should not happen: {text}")
@@ -189,7 +233,7 @@ class LiveCalibrator:
             return Answer(True, f"{name}: the calibration from fewer views knows more; it stays")
         if not session.adopt(outcome, generation):
             return Answer(False, f"{name}: its views were reset meanwhile")
-        self._on_result(name, outcome)
+        self._listener.calibrated(name, outcome)
         answer = self._save(session)
         self._announcer.info(answer.text)
         return answer
@@ -230,7 +274,8 @@ class _Promise:
         return self.answer
 
 
-def _together(answers: list[Answer]) -> Answer:
+def together(answers: list[Answer]) -> Answer:
+    """One answer of several cameras'."""
     if not answers:
         return Answer(False, "no camera has a target: they are only published")
     return Answer(all(answer.success for answer in answers), "; ".join(answer.text for answer in answers))

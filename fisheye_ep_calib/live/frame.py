@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from fisheye_ep_calib.live.overlay import OverlayRequest, draw_overlay
 from fisheye_ep_calib.storage.images import decode_compressed, decode_image
 from fisheye_ep_calib.target import Detection, Target
 
@@ -44,15 +47,21 @@ class RawFrame:
 
 @dataclass(frozen=True)
 class Sighting:
-    """What was found in one frame: its name, its size (width, height) and the target's features."""
+    """What was found in one frame: its name, its size (width, height) and the target's features.
+
+    picture: the overlay (h, w, 3) uint8, blue green red, where one was asked for.
+    """
 
     name: str
     image_size: tuple[int, int]
     detection: Detection
+    picture: np.ndarray | None = None
 
 
-def detect_in_frame(frame: RawFrame, target: Target) -> Sighting:
+def detect_in_frame(frame: RawFrame, target: Target, overlay: OverlayRequest | None = None) -> Sighting:
     """Decode a frame and find the target in it. Raises InputError for a frame that cannot be decoded."""
     image = decode_compressed(frame) if frame.compressed else decode_image(frame)
     height, width = image.shape
-    return Sighting(frame.name, (width, height), target.detector().detect(image))
+    detection = target.detector().detect(image)
+    picture = draw_overlay(image, detection, overlay) if overlay else None
+    return Sighting(frame.name, (width, height), detection, picture)

@@ -20,12 +20,15 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Reception:
-    """How a camera's images arrive. seconds_silent: since the last one. delay: from its stamp to its arrival, s."""
+    """How a camera's images arrive. silent: for a while none has. delay: from the last one's stamp to its arrival, s.
+
+    largest_delay: the largest of the last second or so, s.
+    """
 
     topic: str
-    seconds_silent: float
-    delay: float
-    largest_delay: float
+    silent: bool
+    delay: float | None
+    largest_delay: float | None
 
 
 @dataclass(frozen=True)
@@ -49,9 +52,9 @@ class CameraStatus:
 
 
 def camera_status(
-    session: CameraSession, reception: Reception, warnings: list[str], minimum_views: int, silence: float
+    session: CameraSession, reception: Reception, warnings: list[str], minimum_views: int
 ) -> CameraStatus:
-    """Status of one camera. warnings: texts that stand. silence: seconds after which a camera counts as silent."""
+    """Status of one camera. warnings: texts that stand."""
     counters, views, outcome = session.counters, len(session.views), session.outcome
     values: dict[str, Any] = {
         "topic": reception.topic,
@@ -62,31 +65,28 @@ def camera_status(
         "found": counters.found,
         "views": views,
         "image_size": list(session.image_size) if session.image_size else None,
-        "delay_s": round(reception.delay, 4),
-        "largest_delay_s": round(reception.largest_delay, 4),
+        "delay_s": reception.delay,
+        "largest_delay_s": reception.largest_delay,
         "unwritten": session.unwritten,
         "calibrated": outcome is not None,
+        "calibration": outcome.figures if outcome is not None else None,
         "warnings": warnings,
     }
-    if outcome is not None:
-        values |= outcome.figures
-    silent = reception.seconds_silent > silence
-    if silent:
-        level, message = Level.STALE, f"no image on {reception.topic} for {reception.seconds_silent:.0f} s"
+    if reception.silent:
+        level, message = Level.STALE, f"no image on {reception.topic}"
     elif warnings:
         level, message = Level.WARN, warnings[0]
     elif outcome is None:
         level, message = Level.OK, f"collecting, {views} views"
     else:
-        level, message = Level.OK, f"calibrated from {outcome.figures['views_used']} of {views} views"
-    return CameraStatus(session.name, level, message, _next(session, silent, minimum_views), values)
+        level, message = Level.OK, f"calibrated ({outcome.figures['model']}), {views} views"
+    step = "start the camera" if reception.silent else next_step(session, minimum_views)
+    return CameraStatus(session.name, level, message, step, values)
 
 
-def _next(session: CameraSession, silent: bool, minimum_views: int) -> str:
+def next_step(session: CameraSession, minimum_views: int) -> str:
     """What would help most, in one sentence."""
     views = len(session.views)
-    if silent:
-        return "start the camera"
     if views == 0 and session.counters.found == 0:
         return "hold the target before the camera"
     if views < minimum_views:

@@ -1,36 +1,40 @@
-"""Publishes one camera's calibration: CameraInfo with each image, and the whole YAML for whoever comes late."""
+"""Publishes what one camera's calibration gives: CameraInfo with each image, the YAML, and the overlay."""
 
 from __future__ import annotations
 
+import array
 import threading
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header, String
 
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.camera_info_message import camera_info_message
-
-LATCHED = QoSProfile(
-    depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
-)
+from fisheye_ep_calib.ros.quality import LATCHED
 
 
 class CalibrationPublisher:
-    """Silent until the camera is calibrated."""
+    """CameraInfo and YAML are silent until the camera is calibrated, the overlay until somebody looks."""
 
     def __init__(self, node: Node, camera: CameraSettings) -> None:
         self._node = node
         self._camera = camera
         self._yaml = node.create_publisher(String, f"~/{camera.name}/calibration", LATCHED)
+        self._annotated = node.create_publisher(Image, f"~/{camera.name}/annotated", 2)
         self._info_publisher: Publisher | None = None
         self._info: CameraInfo | None = None
         self._header: Header | None = None
         self._lock = threading.Lock()
+
+    @property
+    def watched(self) -> bool:
+        """Whether anybody subscribes to the overlay."""
+        return self._annotated.get_subscription_count() > 0
 
     def update(self, outcome: Outcome | None) -> None:
         """A new calibration is in force; None: there is none any more."""
@@ -54,6 +58,13 @@ class CalibrationPublisher:
         if size == (info.width, info.height):  # a compressed image does not tell; it is taken on trust
             self._send(image.header)
 
+    def publish_picture(self, header: Header, picture: np.ndarray) -> None:
+        """The overlay (h, w, 3) uint8, blue green red."""
+        height, width, _ = picture.shape
+        message = Image(header=header, height=height, width=width, encoding="bgr8", step=3 * width)
+        message.data = array.array("B", picture.tobytes())
+        self._annotated.publish(message)
+
     def _send(self, header: Header) -> None:
         with self._lock:
             if self._info is not None and self._info_publisher is not None:
@@ -62,12 +73,12 @@ class CalibrationPublisher:
 
     def _info_topic(self) -> str:
         """The configured topic, unless a driver publishes there: two would contradict each other."""
-        wanted = self._camera.camera_info_topic
-        if self._node.count_publishers(self._node.resolve_topic_name(wanted)) == 0:
+        wanted = self._node.resolve_topic_name(self._camera.camera_info_topic)
+        if self._node.count_publishers(wanted) == 0:
             return wanted
-        own = f"~/{self._camera.name}/camera_info"
+        own = self._node.resolve_topic_name(f"~/{self._camera.name}/camera_info")
         self._node.get_logger().warning(
-            f"{self._node.resolve_topic_name(wanted)} has a publisher already, so CameraInfo goes to "
-            f"{self._node.resolve_topic_name(own)}; ~/commit hands the calibration to the driver"
+            f"{wanted} has a publisher already, so CameraInfo goes to {own}; "
+            "~/commit hands the calibration to the driver"
         )
         return own

@@ -5,13 +5,10 @@ from __future__ import annotations
 import sys
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.ros.calibrator_node import CalibratorNode
-
-# One thread for images, one for each service that waits for an answer, one for the rest.
-THREADS = 6
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -20,7 +17,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         rclpy.init(args=arguments)
         calibrator = CalibratorNode()
-        executor = MultiThreadedExecutor(THREADS)
+        executor = SingleThreadedExecutor()
         executor.add_node(calibrator.node)
         executor.spin()
     except CalibrationError as error:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
 
 from fisheye_ep_calib.live.announcer import Announcer
-from fisheye_ep_calib.live.calibrator import Answer, LiveCalibrator
+from fisheye_ep_calib.live.calibrator import Answer, LiveCalibrator, together
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.calibration_publisher import CalibrationPublisher
 from fisheye_ep_calib.ros.calibrator_parameters import declare, tuning
+from fisheye_ep_calib.ros.driver_commit import DriverCommit
 from fisheye_ep_calib.ros.image_intake import ImageIntake
 from fisheye_ep_calib.ros.parameter_table import ParameterTable
+from fisheye_ep_calib.ros.patient_node import PatientNode
+from fisheye_ep_calib.ros.status_publisher import StatusPublisher
 
 CHECK_PERIOD = 0.5  # seconds between looks at who publishes what
+STATUS_PERIOD = 1.0
 RETRY_PERIOD = 5.0  # seconds between attempts to write what the disk refused
 
 
@@ -30,6 +32,7 @@ class CalibratorNode:
     def __init__(self) -> None:
         """Raises InputError for parameters or files that cannot be used."""
         self.node = Node("calibrator")
+        self._patient = PatientNode(self.node)
         self._live: LiveCalibrator | None = None
         try:
             self._start()
@@ -39,6 +42,7 @@ class CalibratorNode:
 
     def close(self) -> None:
         """End workers and write what is not written; the node is of no use afterwards."""
+        self._patient.close()
         live, self._live = self._live, None
         if live is not None:
             live.stop()
@@ -50,25 +54,37 @@ class CalibratorNode:
         logger = self.node.get_logger()
         for name in self._parameters.unknown():
             logger.warning(f"parameter {name} is not known and has no effect")
-        announcer = Announcer(logger.info, logger.warning)
-        self._publishers = {
-            camera.name: CalibrationPublisher(self.node, camera) for camera in settings.cameras
-        }
-        for camera in settings.cameras:
+        cameras = settings.cameras
+        self._publishers = {camera.name: CalibrationPublisher(self.node, camera) for camera in cameras}
+        for camera in cameras:
             self._publishers[camera.name].update(camera.initial)
-        self._live = LiveCalibrator(settings, tuning(self._parameters), announcer, self._publish)
-        self._intakes = [self._intake(camera) for camera in settings.cameras]
-        self.node.add_post_set_parameters_callback(self._retune)
-        for name in ("calibrate", "save", "reset"):
-            self._serve(name, getattr(self._live, name))
-        # Steady time: simulated time may stand still or jump back.
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._every(CHECK_PERIOD, self._check_intakes)
-        self._every(RETRY_PERIOD, self._live.retry_writing)
+        self._drivers = {camera.name: DriverCommit(self._patient.node, self.node, camera) for camera in cameras}
+        self._status = StatusPublisher(self.node)
+        announcer = Announcer(logger.info, logger.warning)
+        self._live = live = LiveCalibrator(settings, tuning(self._parameters), announcer, self)
+        self._intakes = {camera.name: self._intake(live, camera) for camera in cameras}
+        self.node.add_post_set_parameters_callback(lambda changed: self._retune(live, changed))
+        self._patient.serve("calibrate", live.calibrate)
+        self._patient.serve("save", live.save)
+        self._patient.serve("reset", live.reset)
+        self._patient.serve("commit", lambda: self._commit(live))
+        self._patient.every(RETRY_PERIOD, live.retry_writing)
+        self._patient.start()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.node.create_timer(CHECK_PERIOD, self._check_intakes, clock=steady)
+        self.node.create_timer(STATUS_PERIOD, lambda: self._publish_status(live), clock=steady)
 
-    def _intake(self, camera: CameraSettings) -> ImageIntake:
-        live, publisher = self._live, self._publishers[camera.name]
-        assert live is not None
+    def calibrated(self, camera: str, outcome: Outcome | None) -> None:
+        self._publishers[camera].update(outcome)
+
+    def wants_picture(self, camera: str) -> bool:
+        return self._publishers[camera].watched
+
+    def picture(self, camera: str, header: Any, picture: np.ndarray) -> None:
+        self._publishers[camera].publish_picture(header, picture)
+
+    def _intake(self, live: LiveCalibrator, camera: CameraSettings) -> ImageIntake:
+        publisher = self._publishers[camera.name]
 
         def receive(message: Any) -> None:
             publisher.publish_info(message)
@@ -77,27 +93,18 @@ class CalibratorNode:
 
         return ImageIntake(self.node, camera.image_topic, camera.compressed, receive)
 
-    def _publish(self, camera: str, outcome: Outcome | None) -> None:
-        self._publishers[camera].update(outcome)
+    def _commit(self, live: LiveCalibrator) -> Answer:
+        return together([driver.commit(live.outcome(name)) for name, driver in self._drivers.items()])
 
-    def _retune(self, parameters: list[Parameter]) -> None:
-        if self._live is not None:
-            self._live.tune(tuning(self._parameters))
+    def _retune(self, live: LiveCalibrator, changed: list[Parameter]) -> None:
+        if any(self._parameters.is_live(parameter.name) for parameter in changed):
+            live.tune(tuning(self._parameters))
 
     def _check_intakes(self) -> None:
-        for intake in self._intakes:
+        for intake in self._intakes.values():
             intake.check()
 
-    def _serve(self, name: str, action: Callable[[], Answer]) -> None:
-        """A Trigger service; each has a thread of its own, because answers may take a while."""
-
-        def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            done = action()
-            response.success, response.message = done.success, done.text
-            return response
-
-        self.node.create_service(Trigger, f"~/{name}", answer, callback_group=MutuallyExclusiveCallbackGroup())
-
-    def _every(self, seconds: float, action: Callable[[], None]) -> None:
-        group = MutuallyExclusiveCallbackGroup()
-        self.node.create_timer(seconds, action, callback_group=group, clock=self._steady)
+    def _publish_status(self, live: LiveCalibrator) -> None:
+        self._status.publish(
+            live.status({name: intake.reception() for name, intake in self._intakes.items()})
+        )

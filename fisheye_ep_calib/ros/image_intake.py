@@ -13,6 +13,8 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CompressedImage, Image
 
+from fisheye_ep_calib.live.status import Reception
+
 SILENCE = 5.0  # seconds without a publisher or an image after which the user is told
 QUEUE_DEPTH = 10  # large reliable images are lost with less; they are taken out at once, so it stays empty
 
@@ -34,12 +36,20 @@ class ImageIntake:
         self._last_image = time.monotonic()
         self._last_stamp = 0
         self._went_back = False
+        self._delay: float | None = None
+        self._largest_delay: float | None = None
         self._told = ""
 
     @property
     def name(self) -> str:
         """The topic as ROS resolved it."""
         return self._node.resolve_topic_name(self._topic)
+
+    def reception(self) -> Reception:
+        """How images arrive; the largest delay is that since the last call."""
+        largest, self._largest_delay = self._largest_delay, None
+        silent = time.monotonic() - self._last_image > SILENCE
+        return Reception(self.name, silent, self._delay, largest)
 
     def check(self) -> None:
         """Look for publishers and for silence; call it every second or so."""
@@ -75,6 +85,9 @@ class ImageIntake:
                 f"the stamps on {self.name} went back (a bag in a loop, or simulated time); going on"
             )
         self._last_stamp = stamp
+        delay = (self._node.get_clock().now().nanoseconds - stamp) * 1e-9
+        self._delay = delay
+        self._largest_delay = max(delay, self._largest_delay or delay)
         self._on_image(message)
 
     def _say(self, text: str) -> None:

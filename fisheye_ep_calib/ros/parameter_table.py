@@ -91,6 +91,10 @@ class ParameterTable:
             return float(value)
         return list(value) if isinstance(default, list) else value
 
+    def is_live(self, name: str) -> bool:
+        """Whether this is a parameter of the table that may change while the node runs."""
+        return name in self._entries and self._entries[name].live
+
     def unknown(self) -> list[str]:
         """Names that were given at the start and mean nothing: misspelt, most likely."""
         given = getattr(self._node, "_parameter_overrides", {})

@@ -15,6 +15,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install '.[ros]'")
 from live_processes import Probe, Program  # noqa: E402
 
+LARGE_IMAGES = Path(__file__).resolve().parents[2] / "config" / "fastdds_large_images.xml"
 PUBLISHER = Path(__file__).with_name("image_publisher.py")
 
 
@@ -24,6 +25,7 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
     number = 20 + (os.getpid() * 31 + time.monotonic_ns()) % 80
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(LARGE_IMAGES))
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.environ.get("AMENT_PREFIX_PATH", sys.prefix))
     return number
 

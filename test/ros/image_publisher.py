@@ -57,6 +57,7 @@ def main() -> None:
             publisher.publish(message)
         following += 1 / arguments.rate
         time.sleep(max(0.0, following - time.monotonic()))
+    print(arguments.frames, flush=True)
     time.sleep(2.0)  # reliable messages may still be on their way
 
 

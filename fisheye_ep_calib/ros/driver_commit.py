@@ -1,0 +1,48 @@
+"""Hands a calibration to the camera's driver by its service set_camera_info."""
+
+from __future__ import annotations
+
+import threading
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from sensor_msgs.srv import SetCameraInfo
+
+from fisheye_ep_calib.live.calibrator import Answer
+from fisheye_ep_calib.live.outcome import Outcome
+from fisheye_ep_calib.live.settings import CameraSettings
+from fisheye_ep_calib.ros.camera_info_message import camera_info_message
+
+PATIENCE = 5.0  # seconds for a driver to be there, and again for its answer
+
+
+class DriverCommit:
+    """One camera's driver. Waits, so it must not run where images are received."""
+
+    def __init__(self, patient: Node, node: Node, camera: CameraSettings) -> None:
+        """patient: the node that may wait. node: by whose name and remappings the service is found."""
+        self._camera = camera
+        self._service = node.resolve_service_name(camera.set_camera_info_service)
+        group = MutuallyExclusiveCallbackGroup()  # answers must arrive while a service callback waits for them
+        self._client = patient.create_client(SetCameraInfo, self._service, callback_group=group)
+
+    def commit(self, outcome: Outcome | None) -> Answer:
+        """Call the driver and tell what it said."""
+        name = self._camera.name
+        if outcome is None:
+            return Answer(False, f"{name}: not calibrated yet")
+        if not self._client.wait_for_service(PATIENCE):
+            return Answer(False, f"{name}: nobody serves {self._service}; see the parameter {name}.set_camera_info")
+        answered = threading.Event()
+        future = self._client.call_async(
+            SetCameraInfo.Request(camera_info=camera_info_message(outcome.info))
+        )
+        future.add_done_callback(lambda _: answered.set())
+        if not answered.wait(PATIENCE):
+            self._client.remove_pending_request(future)
+            return Answer(False, f"{name}: {self._service} did not answer in {PATIENCE:.0f} s")
+        response = future.result()
+        if not response.success:
+            return Answer(False, f"{name}: {self._service} refused: {response.status_message or 'no reason given'}")
+        model = outcome.figures["model"]
+        return Answer(True, f"{name}: {self._service} took the stand-in of {model} ({response.status_message})")

@@ -1,0 +1,43 @@
+"""Publishes where the calibration stands: for dashboards as JSON, for rqt_robot_monitor as diagnostics."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from fisheye_ep_calib.live.status import CameraStatus
+from fisheye_ep_calib.ros.quality import LATCHED
+
+
+class StatusPublisher:
+    """~/status (std_msgs/String, JSON, latched) and /diagnostics."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._status = node.create_publisher(String, "~/status", LATCHED)
+        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def publish(self, cameras: list[CameraStatus]) -> None:
+        content = {"cameras": {camera.name: camera.as_dict() for camera in cameras}}
+        self._status.publish(String(data=json.dumps(content)))
+        array = DiagnosticArray(status=[self._diagnostic(camera) for camera in cameras])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _diagnostic(self, camera: CameraStatus) -> DiagnosticStatus:
+        values = {**camera.values, "next": camera.next}
+        return DiagnosticStatus(
+            level=bytes([camera.level]),
+            name=f"{self._node.get_name()}: {camera.name}",
+            message=camera.message,
+            hardware_id=camera.name,
+            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
+        )
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

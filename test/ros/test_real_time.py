@@ -1,0 +1,95 @@
+"""Two large cameras at once: nothing lost, nothing late, nothing piling up."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+from live_processes import wait_for
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import String
+
+pytestmark = pytest.mark.live
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
+LATCHED = QoSProfile(
+    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+CAMERAS = ("front", "rear")
+RATE = 10.0
+
+
+def memory(process: int) -> int:
+    """Resident memory of a process, bytes."""
+    fields = Path(f"/proc/{process}/status").read_text().split("VmRSS:")[1].split()
+    return int(fields[0]) * 1024
+
+
+def run(start_calibrator, start_publisher, probe, images, folder, frames: int) -> dict:
+    """Publish ``frames`` images a camera; what was measured."""
+    calibrator = start_calibrator(
+        cameras="[front, rear]", target=TARGET, output_directory=folder, model="ep_odd"
+    )
+    statuses = probe.collect(String, "/calibrator/status", LATCHED)
+    publisher = start_publisher(images, RATE, *[f"/{camera}/image_raw" for camera in CAMERAS], "--frames", frames)
+    late: list[float] = []
+    for camera in CAMERAS:
+        probe.node.create_subscription(
+            CameraInfo, f"/{camera}/camera_info", lambda info: late.append(seconds_since(info)), LATCHED
+        )
+
+    def seconds_since(info: CameraInfo) -> float:
+        return time.time() - info.header.stamp.sec - info.header.stamp.nanosec * 1e-9
+
+    memories = []
+    while publisher.process.poll() is None:
+        memories.append(memory(calibrator.process.pid))
+        time.sleep(0.5)
+    published = int(publisher.output.split()[-1])
+    seen = len(statuses)
+    wait_for(lambda: len(statuses) > seen + 1, "a last status")
+    cameras = [json.loads(status.data)["cameras"] for status in statuses]
+    delays = [one[camera]["largest_delay_s"] for one in cameras for camera in CAMERAS]
+    return {
+        "published": published,
+        "received": [cameras[-1][camera]["received"] for camera in CAMERAS],
+        "searched": [cameras[-1][camera]["searched"] for camera in CAMERAS],
+        "delays": sorted(delay for delay in delays if delay is not None),
+        "info": sorted(late),
+        "memories": memories,
+    }
+
+
+def report(measured: dict) -> str:
+    delays, info, memories = measured["delays"], measured["info"], measured["memories"]
+    half = memories[len(memories) // 2 :]
+    return (
+        f"received {measured['received']} of {measured['published']}, searched {measured['searched']}; "
+        f"largest delay of each second: median {1e3 * delays[len(delays) // 2]:.0f} ms, "
+        f"most {1e3 * delays[-1]:.0f} ms; {len(info)} CameraInfo, after {1e3 * info[len(info) // 2]:.0f} ms, "
+        f"most {1e3 * info[-1]:.0f} ms; memory {half[0] / 1e6:.0f} → {half[-1] / 1e6:.0f} MB in the second half"
+    )
+
+
+def test_two_cameras_are_received_in_time(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
+    measured = run(start_calibrator, start_publisher, probe, rendered, tmp_path, frames=150)
+    print(report(measured))
+    assert min(measured["received"]) >= 0.95 * measured["published"]
+    assert min(measured["searched"]) > 10
+    assert measured["delays"][len(measured["delays"]) // 2] < 0.05
+    assert measured["info"][len(measured["info"]) // 2] < 1 / RATE
+
+
+@pytest.mark.slow
+def test_memory_stays_flat_over_2000_frames(
+    start_calibrator, start_publisher, probe, rendered, tmp_path
+) -> None:
+    measured = run(start_calibrator, start_publisher, probe, rendered, tmp_path, frames=1000)
+    print(report(measured))
+    assert min(measured["received"]) >= 0.95 * measured["published"]
+    memories = measured["memories"]
+    assert memories[-1] < 1.1 * memories[len(memories) // 3]
