@@ -8,7 +8,7 @@ import logging
 import cv2
 import numpy as np
 
-from fisheye_ep_calib.target.cells import local_axes, local_bend, local_pitch, smooth
+from fisheye_ep_calib.target.cells import is_regular, local_axes, local_bend, local_pitch, smooth
 from fisheye_ep_calib.target.corner_growth import colour_parity, grow_corners
 from fisheye_ep_calib.target.corner_guidance import find_guided
 from fisheye_ep_calib.target.corner_refinement import looks_like_corner, refine_corners
@@ -22,6 +22,7 @@ FEWEST_CORNERS = 8
 SCALES = (1.0, 0.5, 0.25)
 SMALLEST_SIDE = 200
 MOSTLY_FOUND = 0.75
+TOO_MANY = 1.5
 NOTHING = np.empty((0, 2), dtype=int), np.empty((0, 2))
 
 
@@ -79,6 +80,8 @@ class ChessboardDetector:
 
     def _complete(self, image: np.ndarray, cells: np.ndarray, rough: np.ndarray) -> Detection:
         """Refine and check a patch, add what it lacks, say which corner is which."""
+        if len(cells) > TOO_MANY * len(self.lattice):
+            return Detection(reason="a larger pattern than the target", rejected=rough)
         pixels, good = refine_corners(image, rough, 0.5 * local_pitch(cells, rough))
         parity = colour_parity(image, cells, rough)
         if parity < 0:
@@ -101,6 +104,8 @@ class ChessboardDetector:
         fits &= labels.known
         if fits.any():
             fits[fits] = smooth(cells[fits], pixels[fits])
+        if fits.any() and not is_regular(cells[fits], pixels[fits]):
+            fits[:] = False
         rejected = np.vstack([rough[~good], pixels[~fits]])
         if fits.sum() < self.fewest:
             reason = f"{int(fits.sum())} of {len(self.lattice)} corners"

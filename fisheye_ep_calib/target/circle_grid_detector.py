@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.target.blobs import Blobs, find_blobs
-from fisheye_ep_calib.target.cells import smooth
+from fisheye_ep_calib.target.cells import is_regular, smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.disc_growth import complete_discs
 from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs, minor_axis
@@ -21,6 +21,7 @@ FEWEST_DISCS = 9
 SEARCH_SIDE = 1100
 WINDOWS = (31, 121)
 MOST_LATTICES = 4
+TOO_MANY = 1.5
 UNKNOWN_RATIO = 2.4
 USUAL_ERROR = 0.08
 
@@ -87,7 +88,10 @@ class CircleGridDetector:
         """The best of the largest lattices, looked for in the image reduced by ``factor``."""
         blobs = find_blobs(_reduced(image, factor), WINDOWS, holes=bool(self.target.holed)).scaled(factor)
         best = _Found(detection=Detection(rejected=blobs.center))
-        for lattice in grow_lattices(blobs.center, blobs.shape, self.ratio)[:MOST_LATTICES]:
+        lattices = grow_lattices(blobs.center, blobs.shape, self.ratio)
+        # A lattice much larger than the target is something else: a grille, a woven cloth.
+        largest = TOO_MANY * len(self.target.object_points)
+        for lattice in [lattice for lattice in lattices if len(lattice) <= largest][:MOST_LATTICES]:
             if best.score > len(lattice):
                 break
             found = self._measure_and_label(image, blobs, lattice)
@@ -112,6 +116,8 @@ class CircleGridDetector:
         )
         good = found.good & labels.known
         good[good] = smooth(cells[good], found.center[good]) if good.any() else False
+        if good.any() and not is_regular(cells[good], found.center[good]):
+            good[:] = False
         loose = np.ones(len(blobs), dtype=bool)
         loose[lattice.blob[good[: len(lattice)]]] = False
         detection = Detection(labels.point_index[good], found.center[good], rejected=blobs.center[loose])
