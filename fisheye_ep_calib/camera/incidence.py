@@ -92,13 +92,18 @@ def _equation(theta, rho, z, family: PupilFamily, coefficients: np.ndarray):
 def _solve_in_bracket(rho, z, family: PupilFamily, coefficients: np.ndarray, bounds: PupilRange) -> np.ndarray:
     """θ by Newton steps kept in a bracket; theta_limit where there is no root below it.
 
-    As lowest ≤ E ≤ highest, every root lies between atan2(ρ, z + highest) and atan2(ρ, z + lowest). Where the slope
-    has the wrong sign, inside the caustic, the bracket is halved instead.
+    As lowest ≤ E ≤ highest, every root lies between atan2(ρ, z + highest) and atan2(ρ, z + lowest). Just outside the
+    caustic g is positive at both ends and dips below zero between them: the bracket then ends where g turns. Where
+    the slope has the wrong sign, inside the caustic, the bracket is halved instead.
     """
     low = np.minimum(np.arctan2(rho, z + bounds.highest), bounds.theta_limit)
     high = np.minimum(np.arctan2(rho, z + bounds.lowest), bounds.theta_limit)
-    at_limit, _, _, _ = _equation(high, rho, z, family, coefficients)
-    low = np.where((at_limit > 0) & (high >= bounds.theta_limit), high, low)
+    value, slope, _, _ = _equation(high, rho, z, family, coefficients)
+    rising = (value > 0) & (slope < 0)
+    if rising.any():
+        high[rising] = _turning_angle(rho[rising], z[rising], low[rising], high[rising], family, coefficients)
+        value, _, _, _ = _equation(high, rho, z, family, coefficients)
+    low = np.where((value > 0) & (rising | (high >= bounds.theta_limit)), high, low)
     theta = 0.5 * (low + high)
     for _ in range(80):
         value, slope, _, _ = _equation(theta, rho, z, family, coefficients)
@@ -112,3 +117,12 @@ def _solve_in_bracket(rho, z, family: PupilFamily, coefficients: np.ndarray, bou
         if change < _SMALL_STEP:
             break
     return theta
+
+
+def _turning_angle(rho, z, low, high, family: PupilFamily, coefficients: np.ndarray) -> np.ndarray:
+    """The angle (n,) at which g stops falling, between low, where it falls, and high, where it rises."""
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        _, slope, _, _ = _equation(middle, rho, z, family, coefficients)
+        low, high = np.where(slope > 0, middle, low), np.where(slope > 0, high, middle)
+    return low
