@@ -1,0 +1,121 @@
+"""Every derivative against central differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from known_cameras import LENSES, PUPILS, TERMS, random_camera, random_rays, ray_points, true_pixels
+
+from fisheye_ep_calib.camera import LENSES as LENS_MODELS
+from fisheye_ep_calib.camera import PUPIL_FAMILIES, FisheyeCamera
+
+EXTRAS = [(), ("tangential",), ("tangential", "tilt")]
+KINDS = [(model, lens, extras) for model in TERMS for lens in LENSES for extras in EXTRAS]
+
+
+def central_differences(function, at: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """∂function/∂at (..., n) of the last axis (..., n) of ``at``, of fourth order in the steps (..., n)."""
+    columns = []
+    for unit in np.eye(at.shape[-1]):
+        step = steps * unit
+        near, far = (
+            function(at + step) - function(at - step),
+            function(at + 2 * step) - function(at - 2 * step),
+        )
+        columns.append((8 * near - far) / (12 * step.sum(axis=-1, keepdims=at.ndim > 1)))
+    return np.stack(columns, axis=-1)
+
+
+def parameter_steps(camera: FisheyeCamera) -> np.ndarray:
+    """(P,): 0.1 px, 0.01 of skew, 1e-4 of a lens coefficient, a pupil shift of 3 µm at 100°."""
+    terms = len(camera.coefficients)
+    shifts = [abs(PUPILS[camera.model](np.radians(100), unit)) for unit in np.eye(terms)]
+    plain = len(camera.parameters) - terms - 5
+    return np.array([0.1, 0.1, 0.01, 0.1, 0.1] + [1e-4] * plain + [3e-6 / shift for shift in shifts])
+
+
+def assert_same(found: np.ndarray, expected: np.ndarray) -> None:
+    """(n, rows, columns), to 1e-6 of each column's length, and of what all points show where it nearly vanishes."""
+    length = np.linalg.norm(expected, axis=-2)
+    error = np.linalg.norm(found - expected, axis=-2)
+    assert (error <= 1e-6 * length + 1e-10 * length.max(axis=0)).all()
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+@pytest.mark.parametrize("seed", range(3))
+def test_projection_by_point_and_by_every_parameter(kind, seed) -> None:
+    rng = np.random.default_rng([11, seed])
+    camera = random_camera(rng, *kind)
+    theta, phi, distance = random_rays(rng, camera, 200, least=2e-3)
+    points = ray_points(camera, theta, phi, distance.clip(max=1.0))
+    _, valid, d_point, d_parameters = camera.project_with_jacobian(points)
+    assert valid.all()
+    steps = np.broadcast_to(2e-4 * distance.clip(max=1.0)[:, None], points.shape)
+    assert_same(d_point, central_differences(lambda moved: camera.project(moved)[0], points, steps))
+    numeric = central_differences(
+        lambda values: camera.with_parameters(values).project(points)[0],
+        camera.parameters,
+        parameter_steps(camera),
+    )
+    assert_same(d_parameters, numeric)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+@pytest.mark.parametrize("seed", range(3))
+def test_rays_by_pixel(kind, seed) -> None:
+    rng = np.random.default_rng([12, seed])
+    camera = random_camera(rng, *kind)
+    theta, phi, _ = random_rays(rng, camera, 200)
+    pixels = true_pixels(camera, theta, phi)
+    origins, directions, valid, d_origins, d_directions = camera.unproject_with_jacobian(pixels)
+    plain = camera.unproject(pixels)
+    assert valid.all() and np.array_equal(origins, plain[0]) and np.array_equal(directions, plain[1])
+    steps = np.full(pixels.shape, 0.2)
+    for part, found in enumerate((d_origins, d_directions)):
+        numeric = central_differences(lambda moved, part=part: camera.unproject(moved)[part], pixels, steps)
+        assert_same(np.swapaxes(found, -1, -2), np.swapaxes(numeric, -1, -2))
+
+
+@pytest.mark.parametrize("model", TERMS)
+def test_on_and_beside_the_axis(model: str) -> None:
+    """φ is undefined there, the projection is smooth nevertheless."""
+    camera = random_camera(np.random.default_rng(2), model, extras=("tangential", "tilt"))
+    points = np.array([[0, 0, 0.1], [1e-16, 0, 0.1], [1e-9, -1e-9, 0.1], [1e-6, 2e-6, 0.1], [0, 0, 3.0]])
+    _, valid, d_point, _ = camera.project_with_jacobian(points)
+    assert valid.all()
+    numeric = central_differences(lambda moved: camera.project(moved)[0], points, np.full(points.shape, 1e-5))
+    assert np.abs(d_point - numeric).max() < 1e-6 * np.abs(numeric).max()
+    centre = camera.project(points[0])[0]
+    _, _, _, d_origins, d_directions = camera.unproject_with_jacobian(centre)
+    assert np.abs(d_origins).max() < 1e-12
+    # There and back: the direction moves by the point's step over its distance.
+    assert np.allclose(d_directions[:2] @ d_point[0][:, :2] * 0.1, np.eye(2), atol=1e-9)
+
+
+@pytest.mark.parametrize("model", TERMS)
+def test_pupil_families_by_angle(model: str) -> None:
+    """Across θ = 0.05 rad too, where Gennery's series takes over."""
+    family = PUPIL_FAMILIES[model]
+    theta = np.concatenate([np.linspace(1e-3, 1.8, 300), 0.05 + np.array([-2e-3, -1e-9, 0, 1e-9, 2e-3])])
+    for terms in range(family.max_terms + 1):
+        numeric = central_differences(
+            lambda at, terms=terms: np.moveaxis(family.basis(at[:, 0], terms), 0, -1),
+            theta[:, None],
+            np.array([[1e-4]]),
+        )
+        np.testing.assert_allclose(
+            family.basis_derivative(theta, terms).T, numeric[..., 0], rtol=1e-6, atol=1e-13
+        )
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_lenses_by_angle_and_coefficient(name: str) -> None:
+    lens, theta = LENS_MODELS[name], np.linspace(0, 1.75, 200)
+    coefficients = np.array(random_camera(np.random.default_rng(4), "kannala", name).radial)
+    numeric = central_differences(
+        lambda at: lens.radius(at, coefficients), theta[:, None], np.array([[1e-4]])
+    )
+    np.testing.assert_allclose(lens.radius_derivative(theta, coefficients), numeric[:, 0, 0], rtol=1e-8)
+    steps = np.full(len(coefficients), 1e-4)
+    numeric = central_differences(lambda values: lens.radius(theta, values), coefficients, steps)
+    np.testing.assert_allclose(lens.radius_jacobian(theta, coefficients).T, numeric, rtol=1e-6, atol=1e-11)
