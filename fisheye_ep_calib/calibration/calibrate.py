@@ -10,7 +10,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.model_selection import Candidate, Search, candidate, choose, supported
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.outliers import screen
+from fisheye_ep_calib.calibration.outliers import Screening, huber_fit, screen
 from fisheye_ep_calib.calibration.result import CalibrationResult, Comparison
 from fisheye_ep_calib.calibration.stand_in import single_viewpoint
 from fisheye_ep_calib.calibration.structure import Structure
@@ -19,6 +19,7 @@ from fisheye_ep_calib.camera import LENS_EXTRAS
 from fisheye_ep_calib.errors import CalibrationError
 
 AUTO = "auto"
+TARGET_AXIS = "_target_axis"
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class Options:
 
     terms: of E(θ). lens: key of LENSES. skew, tangential, tilt, board_warp: whether each is estimated.
     disc_centers: "unbiased" predicts the centre of gravity of each projected disc, "naive" the image of its centre.
+    loss: "cut" leaves out what lies beyond 6 σ of the richest model; "huber" keeps every sighting at less weight.
     svp_distance: metres, for which the single-viewpoint stand-in is fitted.
     """
 
@@ -37,6 +39,7 @@ class Options:
     tilt: bool | None = None
     board_warp: bool | None = None
     disc_centers: str = "unbiased"
+    loss: str = "cut"
     svp_distance: float = np.inf
 
 
@@ -56,8 +59,8 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     initialized = time.perf_counter()
     fit = refine(start, base)
     adjusted = time.perf_counter()
-    screening = screen(start, fit)
-    if screening.rejected:
+    screening = Screening(huber_fit(start, fit), (), ()) if settings.loss == "huber" else screen(start, fit)
+    if screening.start is not start:
         fit = refine(screening.start, base)
     screened = time.perf_counter()
     reasons: tuple[str, ...] = ()
@@ -96,12 +99,13 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
 def _base_structure(settings: Options, model: str) -> Structure:
     extras = tuple(name for name in LENS_EXTRAS if getattr(settings, name))
     return Structure(
-        "ep_even" if model == AUTO else model,
+        "ep_even" if model == AUTO else model.removesuffix(TARGET_AXIS),
         settings.terms,
         settings.lens,
         settings.skew is not False,
         extras,
         bool(settings.board_warp),
+        target_axis=model == f"ep_odd{TARGET_AXIS}",
     )
 
 
@@ -117,13 +121,13 @@ def _side_by_side(fit: Fit) -> dict[str, Candidate]:
     """The named model beside the single-viewpoint camera, everything else alike."""
     own = candidate(fit, fit.structure)
     other = "ep_even" if fit.structure.model == "kannala" else "kannala"
-    beside = candidate(fit, replace(fit.structure, model=other, terms=None))
-    pair = {fit.structure.model: own, other: beside}
+    beside = candidate(fit, replace(fit.structure, model=other, terms=None, target_axis=False))
+    pair = {fit.structure.name: own, other: beside}
     return {"kannala": pair["kannala"], **pair}
 
 
 def _comparison(one: Candidate) -> Comparison:
-    return Comparison(one.structure.model, one.fit.rms_px, one.validation.rms_px, one.structure.parameter_count)
+    return Comparison(one.structure.name, one.fit.rms_px, one.validation.rms_px, one.structure.parameter_count)
 
 
 def _evidence(fit: Fit) -> float:

@@ -40,6 +40,7 @@ class Sightings:
     images: np.ndarray
     blocks: tuple[ViewBlock, ...]
     features: FeatureModel
+    loss: Loss = LINEAR
 
     @cached_property
     def point_count(self) -> int:
@@ -62,7 +63,10 @@ class Fit:
     @property
     def rms_px(self) -> float:
         """√ mean(dx² + dy²) of the weighted residuals over the points used."""
-        return float(np.sqrt(2 * self.adjustment.equations.cost / self.sightings.point_count))
+        if self.problem.loss.kind == "linear":
+            return float(np.sqrt(2 * self.adjustment.equations.cost / self.sightings.point_count))
+        weighted = self.residuals[0] * self.sightings.observations.weights[:, None]
+        return float(np.sqrt(np.nansum(weighted**2) / self.sightings.point_count))
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -115,7 +119,7 @@ def with_weights(sightings: Sightings, weights: np.ndarray) -> Sightings:
             f"only {_count(len(images), 'view remains', 'views remain')} once wrong points are left out; "
             "check that the target file describes the board in the images"
         )
-    return Sightings(observations, images, view_blocks(observations, images), sightings.features)
+    return replace(sightings, observations=observations, images=images, blocks=view_blocks(observations, images))
 
 
 def of_images(sightings: Sightings, images: np.ndarray) -> Sightings:
@@ -164,8 +168,11 @@ def _cauchy(problem: AdjustmentProblem, state: AdjustmentState, observations: Ob
     return replace(problem, loss=Loss("cauchy", max(2 * spread, 1e-6)))
 
 
-def refine(start: Fit, structure: Structure, sightings: Sightings | None = None, loss: Loss = LINEAR) -> Fit:
-    """Step (iii): fit a structure from where another one ended, to convergence."""
+def refine(start: Fit, structure: Structure, sightings: Sightings | None = None, loss: Loss | None = None) -> Fit:
+    """Step (iii): fit a structure from where another one ended, to convergence.
+
+    sightings, loss: default to the start's sightings and to theirs.
+    """
     sightings = sightings or start.sightings
     state = start.state
     camera = structure.camera_like(state.camera)
@@ -175,11 +182,11 @@ def refine(start: Fit, structure: Structure, sightings: Sightings | None = None,
     theta = start.residuals[1]
     problem = AdjustmentProblem(
         sightings.blocks,
-        sightings.features,
+        replace(sightings.features, target_axis=structure.target_axis),
         structure.free(camera),
         structure.board_warp,
         theta_limit=float(min(np.pi, 1.2 * np.nanmax(theta) + 0.1)),
-        loss=loss,
+        loss=loss or sightings.loss,
     )
     unknowns = problem.shared_size + 6 * len(sightings.images)
     if 2 * sightings.point_count <= unknowns:

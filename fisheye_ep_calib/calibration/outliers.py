@@ -16,6 +16,7 @@ from fisheye_ep_calib.calibration.robust import Loss, robust_spread
 from fisheye_ep_calib.calibration.structure import Structure
 
 _LIMIT = 6.0  # σ per axis; a Gaussian residual exceeds it once in 65 million
+_HUBER = 1.345  # σ; 95 % efficient on Gaussian residuals
 _QUANTILE = 0.75
 _WORST_SHARE = 0.5  # of a view's points: beyond it the whole view is wrong
 _SUSPICIOUS = 1.0  # px RMS; a worse fit may have been dragged off by errors that it no longer shows
@@ -60,6 +61,7 @@ def richest_structure(structure: Structure, sightings: Sightings) -> Structure:
         structure,
         model="ep_even",
         terms=4,
+        target_axis=False,
         skew=True,
         extras=tuple(dict.fromkeys((*structure.extras, "tangential"))),
         board_warp=sightings.features.board.planar,
@@ -79,6 +81,17 @@ def screen(start: Fit, fit: Fit) -> Screening:
     if _is_clean(refine(start, rich)):
         return Screening(start, (), ())
     return _screen_robustly(fit.sightings, fit.structure, rich)
+
+
+def huber_fit(start: Fit, fit: Fit) -> Fit:
+    """A start whose sightings carry a Huber loss at 1.345 σ, σ per axis from the richest structure's residuals."""
+    rich = richest_structure(fit.structure, fit.sightings)
+    rough = fit if _is_clean(fit) else first_fit(fit.sightings, fit.structure.lens, robust=True)
+    spread = robust_spread(_lengths(rough, fit.sightings.observations.weights)[_used(rough)])
+    best = refine(rough, rich, loss=Loss("cauchy", max(2 * spread, _LEAST_SIGMA)))
+    spread = robust_spread(_lengths(best, fit.sightings.observations.weights)[_used(best)])
+    loss = Loss("huber", _HUBER * max(spread, _LEAST_SIGMA))
+    return refine(best, Structure("kannala", lens=fit.structure.lens), replace(fit.sightings, loss=loss))
 
 
 def _is_clean(fit: Fit) -> bool:

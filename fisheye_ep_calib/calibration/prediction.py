@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fisheye_ep_calib.calibration.board_warp import BoardFrame
+from fisheye_ep_calib.calibration.target_axis import project_along_target_axis
 from fisheye_ep_calib.calibration.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.incidence import PupilRange
@@ -23,10 +24,14 @@ _BOUNDARY_SAMPLES = 8  # the centroid is then right to 1e-5 px
 
 @dataclass(frozen=True)
 class FeatureModel:
-    """What the sightings are. disc_radius: metres, None where they are points. board: frame of warp and discs."""
+    """What the sightings are. disc_radius: metres, None where they are points. board: frame of warp and discs.
+
+    target_axis: move points along the target's axis, as the paper's equation is printed.
+    """
 
     board: BoardFrame
     disc_radius: float | None = None
+    target_axis: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,12 @@ def _predict_points(
         rotation[:, i, 0] * points[0] + rotation[:, i, 1] * points[1] + rotation[:, i, 2] * points[2] for i in range(3)
     ]
     x, y, z = (rotated[i] + offset[:, i] for i in range(3))
-    found = project_coordinates(camera, x, y, z, bounds, jacobian)
+    normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
+    if features.target_axis:
+        found, moved = project_along_target_axis(camera, x, y, z, normal.T, bounds, jacobian)
+        rotated = [rotated[i] + moved[i] for i in range(3)]
+    else:
+        found = project_coordinates(camera, x, y, z, bounds, jacobian)
     pixels = np.stack([found.u, found.v])
     if not jacobian:
         return Prediction(pixels, found.valid, found.theta)
@@ -117,7 +127,6 @@ def _predict_points(
     d_pose[:, 3:] = d_point
     d_warp = not_computed()
     if warp_jacobian:
-        normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
         along = (d_point * normal.T.reshape(3, *[1] * (points.ndim - 3), -1, 1)).sum(axis=1)
         d_warp = along[:, None] * shapes
     return Prediction(pixels, found.valid, found.theta, d_pose, found.d_parameters, d_warp)

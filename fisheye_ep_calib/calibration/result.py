@@ -48,7 +48,7 @@ class CalibrationResult:
 
     @property
     def model(self) -> str:
-        return self.camera.model
+        return self.fit.structure.name
 
     @property
     def camera_from_target(self) -> np.ndarray:

@@ -16,7 +16,7 @@ class Structure:
     """model: key of PUPIL_FAMILIES. terms: of E(θ); None takes the family's own number.
 
     lens: key of LENSES. skew: whether it is estimated or zero. extras: names of LENS_EXTRAS that are estimated.
-    board_warp: whether the target's bow is estimated.
+    board_warp: whether the target's bow is estimated. target_axis: the paper's equation as printed; no camera.
     """
 
     model: str = "ep_even"
@@ -25,6 +25,7 @@ class Structure:
     skew: bool = True
     extras: tuple[str, ...] = ()
     board_warp: bool = False
+    target_axis: bool = False
 
     def __post_init__(self) -> None:
         if self.model not in PUPIL_FAMILIES:
@@ -37,6 +38,11 @@ class Structure:
         most = PUPIL_FAMILIES[self.model].max_terms
         if self.terms is not None and self.model != "kannala" and not 1 <= self.terms <= most:
             raise InputError(f"{self.model} takes 1 to {most} terms, not {self.terms}")
+
+    @property
+    def name(self) -> str:
+        """What the user calls the model."""
+        return f"{self.model}_target_axis" if self.target_axis else self.model
 
     @property
     def pupil_terms(self) -> int:

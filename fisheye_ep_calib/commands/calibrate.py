@@ -33,8 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
         default="auto",
-        choices=["auto", *PUPIL_FAMILIES],
-        help="auto fits all and takes what the data support (default); kannala has a single viewpoint",
+        choices=["auto", *PUPIL_FAMILIES, "ep_odd_target_axis"],
+        help="auto fits all and takes what the data support (default); kannala has a single viewpoint; "
+        "ep_odd_target_axis, the paper's equation as printed, is no camera",
     )
     parser.add_argument(
         "--output",
@@ -60,6 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="unbiased",
         choices=("unbiased", "naive"),
         help="naive takes a projected disc's centre of gravity for the image of its centre, to compare",
+    )
+    structure.add_argument(
+        "--loss",
+        default="cut",
+        choices=("cut", "huber"),
+        help="cut leaves out points beyond 6 σ of the richest model (default); huber gives them less weight",
     )
     structure.add_argument(
         "--svp-distance",
@@ -99,7 +106,17 @@ def _calibrate(camera: CameraSource, look_again, arguments: argparse.Namespace):
     """The camera's source after its last pass, its result, and the seconds of every step."""
     options = {
         name: getattr(arguments, name)
-        for name in ("terms", "lens", "skew", "tangential", "tilt", "board_warp", "disc_centers", "svp_distance")
+        for name in (
+            "terms",
+            "lens",
+            "skew",
+            "tangential",
+            "tilt",
+            "board_warp",
+            "disc_centers",
+            "loss",
+            "svp_distance",
+        )
     }
     result = calibrate(camera.observations, arguments.model, **options)
     seconds = {**camera.seconds, **result.seconds}
@@ -132,11 +149,16 @@ def _refuse_overwriting(output: Path, cameras: list[CameraSource], overwrite: bo
             raise InputError(f"{output / camera.name}.yaml is there already; give another --output, or --overwrite")
 
 
-def _save(output: Path, camera: CameraSource, result: CalibrationResult) -> Path:
-    """Write the observations, then the camera file; one that did not converge is marked by its name."""
+def _save(output: Path, camera: CameraSource, result: CalibrationResult) -> Path | None:
+    """Write the observations, then the camera file; one that did not converge is marked by its name.
+
+    None for the paper's equation as printed, which is no camera.
+    """
     folder = output / "observations"
     folder.mkdir(parents=True, exist_ok=True)
     save_observations(folder / f"{camera.name}.npz", camera.observations)
+    if result.fit.structure.target_axis:
+        return None
     path = output / (f"{camera.name}.yaml" if result.converged else f"{camera.name}.not_converged.yaml")
     save_camera(path, result, camera.name, camera.source)
     return path

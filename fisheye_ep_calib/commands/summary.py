@@ -13,7 +13,7 @@ from fisheye_ep_calib.commands.sources import CameraSource
 _MOST_LISTED = 8
 
 
-def calibration_json(camera: CameraSource, result: CalibrationResult, seconds: dict, path: Path) -> dict:
+def calibration_json(camera: CameraSource, result: CalibrationResult, seconds: dict, path: Path | None) -> dict:
     """What ``calibrate --json`` says of one camera."""
     names = camera.observations.image_names
     return {
@@ -26,7 +26,7 @@ def calibration_json(camera: CameraSource, result: CalibrationResult, seconds: d
         "iterations": result.iterations,
         "converged": result.converged,
         "seconds": seconds,
-        "yaml": str(path),
+        "yaml": None if path is None else str(path),
         "comparison": {
             name: {"rms_px": one.rms_px, "cross_validated_rms_px": one.cross_validated_rms_px}
             for name, one in result.comparison.items()
@@ -48,7 +48,7 @@ def calibration_json(camera: CameraSource, result: CalibrationResult, seconds: d
     }
 
 
-def calibration_text(camera: CameraSource, result: CalibrationResult, path: Path) -> str:
+def calibration_text(camera: CameraSource, result: CalibrationResult, path: Path | None) -> str:
     """One camera's result for a person."""
     lines = [f"\n{camera.name}: {result.views} views, {result.points} points"]
     lines += [f"  not used: {text}" for text in _not_used(camera, result)]
@@ -63,7 +63,7 @@ def calibration_text(camera: CameraSource, result: CalibrationResult, path: Path
     lines.append(f"  {verdict(result)}")
     lines += [f"  {'!' if one.concern else '·'} {one.name}: {one.sentence}" for one in result.diagnosis.findings]
     lines.append(f"  a single-viewpoint consumer of CameraInfo loses {_losses(result)}")
-    lines.append(f"  wrote {path}")
+    lines.append("  not saved: this model is no camera" if path is None else f"  wrote {path}")
     return "\n".join(lines)
 
 

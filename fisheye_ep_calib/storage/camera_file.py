@@ -18,7 +18,7 @@ import yaml
 from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
 from fisheye_ep_calib.calibration.result import CalibrationResult
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_info import plain_camera_info
 
@@ -53,6 +53,8 @@ def save_camera(path: str | PathLike, result: CalibrationResult, name: str, sour
 
 def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
     """The camera file of a calibration as text. source: what it was calibrated from."""
+    if result.fit.structure.target_axis:
+        raise CalibrationError(f"{result.model} is no camera and cannot be saved; take ep_odd")
     camera, stand_in = result.camera, result.stand_in
     content = _top_level(stand_in.camera, name)
     content["entrance_pupil"] = {
