@@ -189,14 +189,9 @@ def _greedy(camera: FisheyeCamera, known: _Views, candidates: _Views, room: int,
 def _sought(camera: FisheyeCamera) -> np.ndarray:
     """Rows (Q, P): the derivatives of what is sought by the camera's parameters; E(θ) weighs as much as the rest."""
     names = camera.parameter_names
-    pupil = camera.parameter_slice("coefficients")
     theta = np.linspace(0.3, 1.0, 2 * len(names)) * min(camera.theta_limit, np.pi / 2)
     curve = np.zeros((len(theta), len(names)))
-    for column in range(pupil.start, pupil.stop):
-        unit = np.zeros(pupil.stop - pupil.start)
-        unit[column - pupil.start] = 1e-3
-        one_more = replace(camera, coefficients=tuple(unit.tolist()))
-        curve[:, column] = one_more.entrance_pupil(theta) / 1e-3
+    curve[:, camera.parameter_slice("coefficients")] = camera.pupil_family.basis(theta, len(camera.coefficients)).T
     return np.concatenate([curve, np.eye(len(names))])
 
 
