@@ -1,0 +1,46 @@
+"""What a view would tell about the camera, before it is recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fisheye_ep_calib.camera import FisheyeCamera
+
+
+@dataclass(frozen=True)
+class ViewInformation:
+    """pixels (F, n, 2): where the points would appear, NaN where out of sight.
+
+    information (F, P, P): on camera.parameters once each pose is free, per px⁻² of noise.
+    """
+
+    pixels: np.ndarray
+    information: np.ndarray
+
+
+def view_information(camera: FisheyeCamera, points: np.ndarray, poses: np.ndarray) -> ViewInformation:
+    """Of views of points (n, 3), metres, at poses camera_from_target (F, 4, 4).
+
+    With A, B the derivatives of the pixels by the camera and by the pose: Aᵀ A − Aᵀ B (Bᵀ B)⁻¹ Bᵀ A.
+    """
+    turned = points @ np.swapaxes(poses[:, :3, :3], -1, -2)
+    pixels, valid, d_point, d_camera = camera.project_with_jacobian(turned + poses[:, None, :3, 3])
+    inside = valid & ((pixels > 0) & (pixels < np.array(camera.image_size) - 1)).all(axis=-1)
+    # ∂(ω × q + t): a turn by ω about the target's origin moves q = R p by −[q]× ω.
+    cross = np.zeros((*turned.shape, 3))
+    for axis in range(3):
+        after, last = (axis + 1) % 3, (axis + 2) % 3
+        cross[..., axis, after], cross[..., axis, last] = turned[..., last], -turned[..., after]
+    d_pose = np.concatenate([d_point @ cross, d_point], axis=-1)
+    shape = (len(poses), -1)
+    a = np.where(inside[..., None, None], d_camera, 0).reshape(*shape, d_camera.shape[-1])
+    b = np.where(inside[..., None, None], d_pose, 0).reshape(*shape, 6)
+    b_b = np.swapaxes(b, -1, -2) @ b
+    scale = np.trace(b_b, axis1=-2, axis2=-1)[:, None, None]
+    a_b = np.swapaxes(a, -1, -2) @ b
+    folded = a_b @ np.linalg.solve(b_b + (1e-12 * scale + 1e-30) * np.eye(6), np.swapaxes(a_b, -1, -2))
+    information = np.swapaxes(a, -1, -2) @ a - folded
+    information[inside.sum(axis=-1) < 4] = 0
+    return ViewInformation(np.where(inside[..., None], pixels, np.nan), information)
