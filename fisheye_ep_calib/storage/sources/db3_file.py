@@ -15,6 +15,7 @@ class Db3File(BagSource):
     """An entry's location is (row of the table ``messages``,)."""
 
     def list_images(self) -> None:
+        self._connection().execute("PRAGMA cell_size_check = ON")  # finds damage; too slow for reading images
         topics = self._topics()
         if not topics:
             raise InputError(f"{self.path} holds no topics")
@@ -25,6 +26,7 @@ class Db3File(BagSource):
             self._collect(rows, "DESC", rows[-1][0] if rows else None)
         if not complete or self._is_cut_short():
             self.problems.append(f"{self.path}: the database is cut short or damaged; what can be read is used")
+        self._connection().execute("PRAGMA cell_size_check = OFF")
         for row, topic_id, stamp in sorted(rows):
             if topic_id in topics:
                 self.entries[topics[topic_id]].append(Entry(stamp, (row,)))
@@ -78,7 +80,6 @@ class Db3File(BagSource):
             try:
                 self._file = sqlite3.connect(uri, uri=True, check_same_thread=False)
                 self._file.text_factory = lambda text: text.decode("utf-8", "replace")
-                self._file.execute("PRAGMA cell_size_check = ON")
                 # The name misleads: it makes SQLite read a file that is shorter than it says it is.
                 self._file.execute("PRAGMA writable_schema = ON")
             except sqlite3.Error as error:
