@@ -40,10 +40,8 @@ class CalibrationPublisher:
         """A new calibration is in force; None: there is none any more."""
         with self._lock:
             self._info = None if outcome is None else camera_info_message(outcome.info)
-            if outcome is None:
-                return
-            if self._info_publisher is None:
-                self._info_publisher = self._node.create_publisher(CameraInfo, self._info_topic(), LATCHED)
+        if outcome is None:
+            return
         self._yaml.publish(String(data=outcome.yaml))
         if self._header is not None:
             self._send(self._header)
@@ -67,9 +65,12 @@ class CalibrationPublisher:
 
     def _send(self, header: Header) -> None:
         with self._lock:
-            if self._info is not None and self._info_publisher is not None:
-                self._info.header = header
-                self._info_publisher.publish(self._info)
+            if self._info is None:
+                return
+            if self._info_publisher is None:  # not before the first image: only then its driver is surely known
+                self._info_publisher = self._node.create_publisher(CameraInfo, self._info_topic(), LATCHED)
+            self._info.header = header
+            self._info_publisher.publish(self._info)
 
     def _info_topic(self) -> str:
         """The configured topic, unless a driver publishes there: two would contradict each other."""

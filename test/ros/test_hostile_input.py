@@ -1,0 +1,118 @@
+"""Messages that lie, images that explode, names that climb out of folders: counted, told once, survived."""
+
+from __future__ import annotations
+
+import array
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_processes import wait_for
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import String
+
+pytestmark = pytest.mark.live
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
+LATCHED = QoSProfile(
+    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+KEEP_ALL = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def raw(height: int, width: int, step: int, encoding: str = "mono8", data: bytes = bytes(100)) -> Image:
+    return Image(height=height, width=width, step=step, encoding=encoding, data=array.array("B", data))
+
+
+def png_bomb(side: int) -> bytes:
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        body = kind + content
+        return struct.pack(">I", len(content)) + body + struct.pack(">I", zlib.crc32(body))
+
+    header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    pixels = zlib.compress(bytes(10_000_000), 9)
+    signature = b"\x89PNG\r\n\x1a\n"
+    return signature + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+
+
+RAW = [
+    raw(2048, 2048, 2048),
+    raw(0, 0, 0, data=b""),
+    raw(10, 10, 2**31),
+    raw(2**32 - 1, 2**32 - 1, 2**32 - 1),
+    raw(10, 10, 10, encoding="../../etc/passwd"),
+    raw(10, 10, 10, encoding=""),
+    raw(10, 3, 2, encoding="rgb8"),
+    raw(1, 1, 1, data=b""),
+]
+COMPRESSED = [
+    CompressedImage(format="jpeg", data=array.array("B", content))
+    for content in (
+        b"",
+        b"garbage" * 1000,
+        b"\xff\xd8\xff\xe0" + bytes(range(256)) * 20 + b"\xff\xd9",
+        png_bomb(30000),
+        b"\x89PNG\r\n\x1a\n",
+    )
+]
+
+
+def test_hostile_messages_are_counted_told_once_and_survived(
+    start_calibrator, probe, rendered, tmp_path
+) -> None:
+    folder = tmp_path / "deep" / "calibration"
+    calibrator = start_calibrator(
+        cameras="[front, rear]",
+        rear__transport="compressed",
+        target=TARGET,
+        output_directory=folder,
+    )
+    statuses = probe.collect(String, "/calibrator/status", LATCHED)
+    front = probe.node.create_publisher(Image, "/front/image_raw", KEEP_ALL)
+    rear = probe.node.create_publisher(CompressedImage, "/rear/image_raw/compressed", KEEP_ALL)
+    wait_for(lambda: front.get_subscription_count() and rear.get_subscription_count(), "the node's subscriptions")
+
+    def unreadable(camera: str) -> int:
+        return json.loads(statuses[-1].data)["cameras"][camera]["unreadable"] if statuses else 0
+
+    for camera, publisher, messages in (("front", front, RAW), ("rear", rear, COMPRESSED)):
+        for number, message in enumerate(messages):
+            message.header.frame_id = "../../../../tmp/evil"
+            publisher.publish(message)
+            wait_for(lambda camera=camera, number=number: unreadable(camera) > number, f"{camera} {number}")
+
+    image = np.load(rendered)["images"][0]
+    good = raw(*image.shape, image.shape[1], data=image.tobytes())
+    good.header.frame_id = "../../../../tmp/evil"
+    front.publish(good)
+    calibrator.wait_to_say("front: view 1 kept")
+    assert calibrator.output.count("front: a frame is skipped") == 1
+    assert calibrator.output.count("rear: a frame is skipped") == 1
+    assert "Traceback" not in calibrator.output
+    assert calibrator.interrupt()[0] == 0
+    written = {path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file()}
+    assert {str(path) for path in written if "rendered" not in str(path)} == {"deep/calibration/front.npz"}
+
+
+def test_an_image_of_another_size_is_told_once_and_skipped(start_calibrator, probe, rendered, tmp_path) -> None:
+    calibrator = start_calibrator(cameras="[front]", target=TARGET, output_directory=tmp_path)
+    front = probe.node.create_publisher(Image, "/front/image_raw", KEEP_ALL)
+    wait_for(front.get_subscription_count, "the node's subscription")
+    images = np.load(rendered)["images"]
+
+    def publish(image: np.ndarray) -> None:
+        front.publish(raw(*image.shape, image.shape[1], data=image.tobytes()))
+
+    publish(images[0])
+    calibrator.wait_to_say("front: view 1 kept")
+    publish(images[1][:2000])
+    calibrator.wait_to_say("images are 2048×2000 now")
+    publish(images[2][:2000])
+    publish(images[3])
+    calibrator.wait_to_say("front: view 2 kept")
+    assert calibrator.output.count("now, the kept views") == 1

@@ -1,0 +1,188 @@
+"""What the node offers to others: drivers, viewers, late subscribers, launch files."""
+
+from __future__ import annotations
+
+import array
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from live_processes import wait_for
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.srv import SetCameraInfo
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+pytestmark = pytest.mark.live
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
+LATCHED = QoSProfile(
+    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+SIZE = (64, 48)
+
+
+@pytest.fixture
+def camera_file(tmp_path: Path) -> Path:
+    """A camera YAML as camera_calibration writes it."""
+    path = tmp_path / "before.yaml"
+    content = {
+        "camera_name": "front",
+        "image_width": SIZE[0],
+        "image_height": SIZE[1],
+        "distortion_model": "equidistant",
+        "camera_matrix": {"rows": 3, "cols": 3, "data": [20.0, 0, 31.5, 0, 20.0, 23.5, 0, 0, 1]},
+        "distortion_coefficients": {"rows": 1, "cols": 4, "data": [0.01, 0.0, 0.0, 0.0]},
+    }
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def small_image(size: tuple[int, int] = SIZE, seconds: int = 5) -> Image:
+    data = array.array("B", bytes(size[0] * size[1]))
+    image = Image(width=size[0], height=size[1], step=size[0], encoding="mono8", data=data)
+    image.header.stamp.sec = seconds
+    image.header.frame_id = "front_optical"
+    return image
+
+
+def test_an_existing_camera_is_published_from_the_start(start_calibrator, probe, camera_file) -> None:
+    calibrator = start_calibrator(cameras="[front]", front__camera_file=camera_file)
+    latched = probe.collect(String, "/calibrator/front/calibration", LATCHED)
+    wait_for(lambda: latched, "the YAML")
+    assert latched[0].data == camera_file.read_text()
+    infos = probe.collect(CameraInfo, "/front/camera_info", LATCHED)
+    images = probe.node.create_publisher(Image, "/front/image_raw", BEST_EFFORT)
+    wait_for(images.get_subscription_count, "the node's subscription")
+    images.publish(small_image(size=(32, 32), seconds=4))
+
+    def published() -> Any:
+        images.publish(small_image())
+        return infos
+
+    wait_for(published, "CameraInfo")
+    assert {info.header.stamp.sec for info in infos} == {5}  # none for the image of another size
+    assert infos[0].header.frame_id == "front_optical"
+    assert (infos[0].k[0], infos[0].d[0]) == (20.0, 0.01)
+    assert "only published" in probe.call(Trigger, "/calibrator/calibrate").message
+    assert calibrator.interrupt()[0] == 0
+
+
+def test_a_driver_with_camera_info_of_its_own_is_not_contradicted_but_committed_to(
+    start_calibrator, probe, camera_file
+) -> None:
+    given: list[CameraInfo] = []
+
+    def take(request: Any, response: Any) -> Any:
+        given.append(request.camera_info)
+        response.success, response.status_message = True, "stored"
+        return response
+
+    probe.node.create_service(SetCameraInfo, "/front/set_camera_info", take)
+    driver = probe.node.create_publisher(CameraInfo, "/front/camera_info", 10)
+    calibrator = start_calibrator(
+        "-r", "__ns:=/robot", cameras="[front]", front__camera_file=camera_file, front__topic="/front/image_raw"
+    )
+    images = probe.node.create_publisher(Image, "/front/image_raw", BEST_EFFORT)
+    wait_for(images.get_subscription_count, "the node's subscription")
+    infos = probe.collect(CameraInfo, "/robot/calibrator/front/camera_info", LATCHED)
+
+    def published() -> Any:
+        images.publish(small_image())
+        return infos
+
+    wait_for(published, "CameraInfo on the node's own topic")
+    assert calibrator.said("has a publisher already")
+    answer = probe.call(Trigger, "/robot/calibrator/commit")
+    assert answer.success and "stored" in answer.message
+    assert given[0].k[0] == 20.0 and given[0].distortion_model == "equidistant"
+    assert driver.get_subscription_count() == 0
+
+
+def test_compressed_images_overlay_and_diagnostics(
+    start_calibrator, start_publisher, probe, rendered, tmp_path
+) -> None:
+    calibrator = start_calibrator(
+        cameras="[front]", target=TARGET, output_directory=tmp_path, front__transport="compressed"
+    )
+    pictures = probe.collect(Image, "/calibrator/front/annotated", BEST_EFFORT, limit=5)
+    diagnostics = probe.collect(DiagnosticArray, "/diagnostics", LATCHED.__class__(depth=10), limit=50)
+    statuses = probe.collect(String, "/calibrator/status", LATCHED, limit=50)
+    start_publisher(rendered, 5, "--compressed", "--best-effort", "/front/image_raw/compressed")
+    calibrator.wait_to_say("receiving /front/image_raw/compressed (best effort)")
+    calibrator.wait_to_say("view 2 kept")
+    picture = wait_for(lambda: pictures and pictures[-1], "the overlay")
+    assert (picture.width, picture.height, picture.encoding) == (1024, 1024, "bgr8")
+    colours = np.frombuffer(picture.data, np.uint8).reshape(1024, 1024, 3).astype(int)
+    assert (colours.max(axis=2) - colours.min(axis=2)).max() > 50  # something is drawn in colour
+
+    def counted() -> Any:
+        camera = json.loads(statuses[-1].data)["cameras"]["front"]
+        return camera if camera["views"] >= 2 else None
+
+    camera = wait_for(counted, "the status")
+    assert camera["received"] >= camera["searched"] >= camera["found"] >= camera["views"]
+    assert camera["level"] == "OK" and camera["next"]
+    status = wait_for(lambda: diagnostics and diagnostics[-1].status[0], "diagnostics")
+    assert status.name == "calibrator: front" and status.hardware_id == "front"
+    assert {"views", "dropped", "next"} <= {value.key for value in status.values}
+
+
+def test_publishers_come_late_go_and_come_back_with_another_quality(start_calibrator, probe, camera_file) -> None:
+    calibrator = start_calibrator(cameras="[front]", front__camera_file=camera_file)
+    calibrator.wait_to_say("nobody publishes /front/image_raw")
+    first = probe.node.create_publisher(Image, "/front/image_raw", 10)
+    calibrator.wait_to_say("(reliable)")
+    probe.node.destroy_publisher(first)
+    second = probe.node.create_publisher(Image, "/front/image_raw", BEST_EFFORT)
+    calibrator.wait_to_say("(best effort)")
+    infos = probe.collect(CameraInfo, "/front/camera_info", LATCHED)
+    for seconds in (9, 3):  # the clock jumps back
+        stamp = seconds
+
+        def arrived(stamp: int = stamp) -> bool:
+            second.publish(small_image(seconds=stamp))
+            return any(info.header.stamp.sec == stamp for info in infos)
+
+        wait_for(arrived, f"CameraInfo of {seconds} s")
+    calibrator.wait_to_say("went back")
+
+
+def test_a_topic_of_another_type_is_named(start_calibrator, probe, camera_file) -> None:
+    calibrator = start_calibrator(cameras="[front]", front__camera_file=camera_file)
+    probe.node.create_publisher(CompressedImage, "/front/image_raw", 10)
+    calibrator.wait_to_say("carries sensor_msgs/msg/CompressedImage, not sensor_msgs/msg/Image")
+
+
+def test_parameters_are_described_bounded_and_tuned(start_calibrator, probe, camera_file) -> None:
+    start_calibrator(cameras="[front]", front__camera_file=camera_file)
+    names = ["novelty.size", "workers", "front.transport", "minimum_views"]
+    described = probe.call(
+        DescribeParameters, "/calibrator/describe_parameters", DescribeParameters.Request(names=names)
+    ).descriptors
+    assert all(descriptor.description for descriptor in described)
+    assert described[0].floating_point_range[0].to_value == 10.0
+    assert described[1].integer_range[0].to_value == 64 and described[1].read_only
+    assert described[2].additional_constraints == "one of: raw, compressed"
+
+    def change(name: str, kind: int, **value: Any) -> Any:
+        parameter = Parameter(name=name, value=ParameterValue(type=kind, **value))
+        request = SetParameters.Request(parameters=[parameter])
+        return probe.call(SetParameters, "/calibrator/set_parameters", request).results[0]
+
+    assert change("novelty.size", ParameterType.PARAMETER_INTEGER, integer_value=1).successful
+    assert change("minimum_views", ParameterType.PARAMETER_INTEGER, integer_value=7).successful
+    refused = change("novelty.size", ParameterType.PARAMETER_INTEGER, integer_value=11)
+    assert not refused.successful and "between 0 and 10" in refused.reason
+    refused = change("novelty.size", ParameterType.PARAMETER_STRING, string_value="wide")
+    assert not refused.successful and "must be a number" in refused.reason
+    assert not change("workers", ParameterType.PARAMETER_INTEGER, integer_value=3).successful
