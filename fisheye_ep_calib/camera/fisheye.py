@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,6 +23,12 @@ from fisheye_ep_calib.camera.pupils import (
 from fisheye_ep_calib.errors import InputError
 
 _PIXEL_PARAMETERS = ("fx", "fy", "skew", "cx", "cy")
+
+
+def _read_only(values) -> np.ndarray:
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array
 
 
 @dataclass(frozen=True)
@@ -49,10 +56,16 @@ class FisheyeCamera:
     theta_max: float = np.pi
 
     def __post_init__(self) -> None:
-        if self.model not in PUPIL_FAMILIES:
+        if self.model not in tuple(PUPIL_FAMILIES):
             raise InputError(f"unknown model {self.model!r}; known: {', '.join(PUPIL_FAMILIES)}")
-        if self.lens not in LENSES:
+        if self.lens not in tuple(LENSES):
             raise InputError(f"unknown lens {self.lens!r}; known: {', '.join(LENSES)}")
+        try:
+            self._own_values()
+        except (TypeError, ValueError, AttributeError):
+            raise InputError("image_size takes two whole numbers, every camera parameter a number") from None
+        if min(self.image_size) < 1:
+            raise InputError(f"an image of {self.image_size[0]}×{self.image_size[1]} pixels is not possible")
         if len(self.radial) != len(self.lens_model.coefficient_names):
             raise InputError(f"{self.lens} takes {len(self.lens_model.coefficient_names)} radial coefficients")
         if len(self.coefficients) > self.pupil_family.max_terms:
@@ -65,6 +78,16 @@ class FisheyeCamera:
         if self.fx <= 0 or self.fy <= 0 or not 0 < self.theta_max <= np.pi:
             raise InputError("fx and fy must be positive and theta_max in (0, π]")
 
+    def _own_values(self) -> None:
+        """Replace what was given by plain numbers that belong to this camera alone."""
+        width, height = (operator.index(side) for side in self.image_size)
+        own: dict = {"image_size": (width, height)}
+        own |= {name: float(getattr(self, name)) for name in (*_PIXEL_PARAMETERS, "theta_max")}
+        own |= {name: tuple(map(float, getattr(self, name))) for name in ("radial", "coefficients")}
+        own["extras"] = {name: tuple(map(float, values)) for name, values in self.extras.items()}
+        for name, value in own.items():
+            object.__setattr__(self, name, value)
+
     @property
     def pupil_family(self) -> PupilFamily:
         return PUPIL_FAMILIES[self.model]
@@ -75,11 +98,11 @@ class FisheyeCamera:
 
     @cached_property
     def radial_array(self) -> np.ndarray:
-        return np.array(self.radial, dtype=float)
+        return _read_only(self.radial)
 
     @cached_property
     def coefficients_array(self) -> np.ndarray:
-        return np.array(self.coefficients, dtype=float)
+        return _read_only(self.coefficients)
 
     @cached_property
     def active_extras(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
@@ -115,11 +138,13 @@ class FisheyeCamera:
         values = [self.fx, self.fy, self.skew, self.cx, self.cy, *self.radial]
         for _, coefficients in self.active_extras:
             values += coefficients
-        return np.array([*values, *self.coefficients], dtype=float)
+        return _read_only([*values, *self.coefficients])
 
     def with_parameters(self, parameters: np.ndarray) -> FisheyeCamera:
         """The same camera with other values (P,) in the order of ``parameter_names``."""
         values = [float(value) for value in parameters]
+        if len(values) != len(self.parameter_names):
+            raise InputError(f"this camera has {len(self.parameter_names)} parameters, not {len(values)}")
         blocks = {name: tuple(values[block]) for name, block in self._slices.items()}
         fx, fy, skew, cx, cy = blocks["pixels"]
         return replace(
