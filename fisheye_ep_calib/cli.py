@@ -15,6 +15,7 @@ PROGRAM = "fisheye_ep_calib"
 COMMANDS = {
     "calibrate": "calibrate cameras from bags, image folders or observation files",
     "evaluate": "measure a camera file on other images, the camera frozen",
+    "detect": "find the target in images and show what was found",
     "show": "print a camera file: intrinsics, entrance pupil, what is known about them",
     "simulate": "write images of a known camera as a bag",
     "demo": "the whole way once, on rendered images",

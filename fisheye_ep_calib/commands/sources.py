@@ -15,7 +15,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.simulation.sequence import usable_cores
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.recording import Recording, choose_topics, open_recording
@@ -28,15 +28,35 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 class CameraSource:
     """One camera's observations and where they came from.
 
-    seconds: spent in "read" and "detect". unused_views: image name → why it is no view. run: None for a file.
+    found: the observations, or why there are none. seconds: spent in "read" and "detect". unused_views: image name →
+    why it is no view. run: None for an observation file.
     """
 
     name: str
-    observations: Observations
+    found: Observations | CalibrationError
     source: str
     seconds: dict[str, float] = field(default_factory=lambda: {"read": 0.0, "detect": 0.0})
     unused_views: dict[str, str] = field(default_factory=dict)
     run: DetectionRun | None = None
+
+    @property
+    def observations(self) -> Observations:
+        """Raises CalibrationError where the target was not found."""
+        if isinstance(self.found, CalibrationError):
+            raise self.found
+        return self.found
+
+
+@dataclass(frozen=True)
+class Looking:
+    """A recording while its images are looked at. topics: camera name → topic. opened: seconds it took to open."""
+
+    recording: Recording
+    target: Target
+    collector: Collector
+    topics: dict[str, str]
+    choice: FrameChoice
+    opened: float
 
 
 def add_source_arguments(parser: argparse.ArgumentParser, many: bool) -> None:
@@ -61,15 +81,8 @@ def add_source_arguments(parser: argparse.ArgumentParser, many: bool) -> None:
 
 
 @contextmanager
-def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraSource], Callable | None]]:
-    """Every camera's observations, and ``look_again(guides)`` where there are images to look at again."""
-    paths = [Path(path) for path in arguments.source]
-    files = [path for path in paths if path.suffix == ".npz"]
-    if files and len(files) < len(paths):
-        raise InputError("give observation files or recordings, not both at once")
-    if files:
-        yield [_from_file(path, arguments.split) for path in files], None
-        return
+def looking(arguments: argparse.Namespace) -> Iterator[Looking]:
+    """Open the recording and the workers that look at its images."""
     if arguments.target is None:
         raise InputError("images need --target TARGET.yaml, which says what to look for")
     target = load_target(arguments.target)
@@ -81,21 +94,34 @@ def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraS
         workers = usable_cores() if arguments.workers is None else arguments.workers
         choice = FrameChoice(arguments.max_views, 1 if arguments.all else arguments.every)
         with Collector(recording, target, workers=0 if workers == 1 else workers, strict=arguments.strict) as collector:
-            opened = time.perf_counter() - began
-            runs = collector.collect(tuple(topics.values()), choice)
-            source = ", ".join(map(str, paths))
-            cameras = [_from_run(name, runs[topic], target, source) for name, topic in topics.items()]
-            cameras = [replace(one, seconds={**one.seconds, "read": one.seconds["read"] + opened}) for one in cameras]
+            yield Looking(recording, target, collector, topics, choice, time.perf_counter() - began)
 
-            def look_again(guides):
-                refined = collector.refine(guides)
-                return {
-                    name: _from_run(name, refined[topic], target, source)
-                    for name, topic in topics.items()
-                    if topic in refined
-                }
 
-            yield cameras, look_again
+@contextmanager
+def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraSource], Callable | None]]:
+    """Every camera's observations, and ``look_again(guides)`` where there are images to look at again."""
+    paths = [Path(path) for path in arguments.source]
+    files = [path for path in paths if path.suffix == ".npz"]
+    if files and len(files) < len(paths):
+        raise InputError("give observation files or recordings, not both at once")
+    if files:
+        yield [_from_file(path, arguments.split) for path in files], None
+        return
+    source = ", ".join(map(str, paths))
+    with looking(arguments) as place:
+        runs = place.collector.collect(tuple(place.topics.values()), place.choice)
+        cameras = [from_run(name, runs[topic], place.target, source) for name, topic in place.topics.items()]
+        cameras = [replace(one, seconds={**one.seconds, "read": one.seconds["read"] + place.opened}) for one in cameras]
+
+        def look_again(guides):
+            refined = place.collector.refine(guides)
+            return {
+                name: from_run(name, refined[topic], place.target, source)
+                for name, topic in place.topics.items()
+                if topic in refined
+            }
+
+        yield cameras, look_again
 
 
 def _from_file(path: Path, split: str | None) -> CameraSource:
@@ -111,16 +137,16 @@ def _from_file(path: Path, split: str | None) -> CameraSource:
     return CameraSource(safe_name(path.stem), observations, str(path), read)
 
 
-def _from_run(name: str, run: DetectionRun, target: Target, source: str) -> CameraSource:
+def from_run(name: str, run: DetectionRun, target: Target, source: str) -> CameraSource:
+    """One camera's source from what was seen by it; says so on stderr."""
     print(run.summary(), file=sys.stderr)
-    return CameraSource(
-        name,
-        run.observations(target.object_points, target.disc_radius),
-        source,
-        {"read": run.read_seconds, "detect": run.detect_seconds},
-        run.unused,
-        run,
-    )
+    found: Observations | CalibrationError
+    try:
+        found = run.observations(target.object_points, target.disc_radius)
+    except CalibrationError as error:
+        found = error
+    seconds = {"read": run.read_seconds, "detect": run.detect_seconds}
+    return CameraSource(name, found, source, seconds, run.unused, run)
 
 
 def _named_topics(recording: Recording, given: list[str]) -> dict[str, str]:

@@ -1,0 +1,102 @@
+"""fisheye_ep_calib detect: find the target in images, and show what was found and what was not."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from fisheye_ep_calib.commands.sources import Looking, add_source_arguments, from_run, looking, safe_name
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.storage.atomic import atomic_write
+from fisheye_ep_calib.storage.observation_file import save_observations
+from fisheye_ep_calib.target import Detection
+
+DESCRIPTION = (
+    "Find the target in images and write an observation file for each camera. With --overlay, also every image with\n"
+    "the found points (green, with their ids) and the candidates that were refused (red)."
+)
+EPILOG = """example:
+  fisheye_ep_calib detect recording.mcap --target board.yaml --output found --overlay
+"""
+_FOUND, _REFUSED, _TEXT = (60, 220, 60), (60, 60, 255), (255, 220, 120)  # blue, green, red
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_source_arguments(parser, many=True)
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder for the results")
+    parser.add_argument("--overlay", action="store_true", help="write the images with what was found in them")
+    parser.add_argument("--overwrite", action="store_true", help="replace earlier results in DIR")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if any(Path(source).suffix == ".npz" for source in arguments.source):
+        raise InputError("detect needs images; an observation file holds what was found already")
+    missing = 0
+    with looking(arguments) as place:
+        files = {name: arguments.output / f"{name}.npz" for name in place.topics}
+        for path in files.values():
+            if path.exists() and not arguments.overwrite:
+                raise InputError(f"{path} is there already; give another --output, or --overwrite")
+        runs = place.collector.collect(tuple(place.topics.values()), place.choice)
+        arguments.output.mkdir(parents=True, exist_ok=True)
+        for name, topic in place.topics.items():
+            camera = from_run(name, runs[topic], place.target, ", ".join(map(str, arguments.source)))
+            for view, reason in camera.unused_views.items():
+                print(f"{name}: {view}: {reason}")
+            if arguments.overlay:
+                _write_overlays(place, name, runs[topic].frames, arguments.output / f"{name}_overlay")
+            try:
+                save_observations(files[name], camera.observations)
+                print(
+                    f"{name}: {len(camera.observations.pixels)} points in {len(runs[topic].views)} views: {files[name]}"
+                )
+            except CalibrationError as error:
+                missing += 1
+                print(f"{name}: {error}", file=sys.stderr)
+    return 1 if missing == len(files) else 0
+
+
+def _write_overlays(place: Looking, name: str, frames, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for frame in tqdm(frames, f"{name}: overlays", unit="image", file=sys.stderr, disable=None):
+        if frame.error:
+            continue
+        image = place.recording.frame(frame.topic, frame.index).image()
+        picture = overlay(image, frame.detection, frame.reason)
+        _, content = cv2.imencode(".png", picture)
+        atomic_write(folder / f"{frame.index:06d}_{safe_name(Path(frame.name).stem)}.png", content.tobytes())
+
+
+def overlay(image: np.ndarray, detection: Detection, reason: str) -> np.ndarray:
+    """A grey image (h, w) uint8 as (h, w, 3) with found points and ids, refused candidates, and the reason if any."""
+    picture = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    size = max(0.35, max(image.shape) / 4000)
+    for x, y in detection.rejected:
+        cv2.drawMarker(
+            picture, (round(x), round(y)), _REFUSED, cv2.MARKER_TILTED_CROSS, round(24 * size), 1, cv2.LINE_AA
+        )
+    for number, (x, y) in zip(detection.point_index, detection.pixels, strict=True):
+        at = (round(x * 16), round(y * 16))
+        cv2.circle(picture, at, round(16 * 12 * size), _FOUND, 1, cv2.LINE_AA, shift=4)
+        cv2.circle(picture, at, 24, _FOUND, -1, cv2.LINE_AA, shift=4)
+        cv2.putText(
+            picture,
+            str(number),
+            (round(x + 10 * size), round(y - 6 * size)),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            size,
+            _TEXT,
+            1,
+            cv2.LINE_AA,
+        )
+    if reason:
+        text = reason.encode("ascii", "replace").decode()
+        cv2.putText(
+            picture, text, (12, round(60 * size) + 12), cv2.FONT_HERSHEY_SIMPLEX, 2 * size, _REFUSED, 2, cv2.LINE_AA
+        )
+    return picture
