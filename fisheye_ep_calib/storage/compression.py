@@ -65,7 +65,8 @@ def decompress_file(source: Path, destination: Path) -> str:
         import zstandard
     except ModuleNotFoundError:
         raise InputError(f"{source}: reading it needs the Python package zstandard") from None
-    room = shutil.disk_usage(destination.parent).free - 2**28
+    # Recordings do not compress a thousandfold; what does would fill the disk on purpose.
+    room = min(shutil.disk_usage(destination.parent).free - 2**28, 2**30 + 1000 * source.stat().st_size)
     with open(source, "rb") as packed, open(destination, "wb") as unpacked:
         reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
         while True:
@@ -77,5 +78,7 @@ def decompress_file(source: Path, destination: Path) -> str:
                 return ""
             room -= len(part)
             if room < 0:
-                raise InputError(f"{source}: no room to decompress it in {destination.parent}; set TMPDIR")
+                raise InputError(
+                    f"{source}: no room to decompress it in {destination.parent}; set TMPDIR to a larger disk"
+                )
             unpacked.write(part)

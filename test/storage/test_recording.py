@@ -1,5 +1,6 @@
 """The same images come out of a recording, whatever it is stored in."""
 
+import os
 import pickle
 import shutil
 import sqlite3
@@ -280,3 +281,13 @@ def test_an_unfinished_recording_is_read_as_far_as_it_goes(tmp_path):
             np.testing.assert_array_equal(frame.image(), picture)
     with pytest.raises(InputError, match="unfinished"):
         open_recording(path, strict=True)
+
+
+def test_a_recording_of_many_parts_keeps_few_files_open(tmp_path):
+    parts = [write_mcap(tmp_path / f"{number:03d}.mcap", [RECORDED[number % 12]]) for number in range(40)]
+    before = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else None
+    with open_recording(parts) as recording:
+        for frame in recording.frames():
+            frame.image()
+        if before is not None:
+            assert len(os.listdir("/proc/self/fd")) - before <= 10

@@ -11,6 +11,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
 from fisheye_ep_calib.storage.images import decode_compressed, decode_image
 from fisheye_ep_calib.storage.messages import deserialize
+from fisheye_ep_calib.storage.sources.open_files import forget, note_use
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
@@ -75,6 +76,7 @@ class Source:
 
     def close(self) -> None:
         """Close the file; it is opened again when needed."""
+        forget(self)
         file, self._file = self._file, None
         if file is not None:
             file.close()
@@ -120,6 +122,7 @@ class BagSource(Source):
                 self._file = open(self.path, "rb")
             except OSError as error:
                 raise InputError(f"{self.path} cannot be opened: {error.strerror or error}") from None
+        note_use(self)
         return self._file
 
     def _add_topic(self, topic: str, type_name: str, encoding: str) -> bool:

@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry
+from fisheye_ep_calib.storage.sources.open_files import note_use
 
 
 class Db3File(BagSource):
@@ -84,6 +85,7 @@ class Db3File(BagSource):
                 self._file.execute("PRAGMA writable_schema = ON")
             except sqlite3.Error as error:
                 raise InputError(f"{self.path} cannot be opened: {error}") from None
+        note_use(self)
         return self._file
 
     def read(self, topic: str, entry: Entry) -> bytes:
