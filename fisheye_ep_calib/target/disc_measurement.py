@@ -165,7 +165,7 @@ def _measure_once(
     """
     shape = state.shape
     levels = _levels(image, state, hole, ratio)
-    band = 2.5 * state.blur + 1.0 + 0.01 * major_axis(shape)
+    band = 1.6 * state.blur + 0.7 + 0.01 * major_axis(shape)
     patches = PixelPatches.cut(image, state.center, _half_box(shape) + band[:, None] + 1.5)
     ellipse = _Ellipse.of(patches, shape)
     weight = _dark_share(patches, levels)
@@ -321,7 +321,7 @@ def _seen_whole(
     zones = (
         # A glossy print is not evenly dark; an edge that something covers is missed by more.
         ((ellipse.distance < 0) & (ellipse.radius > dim), 0.15),
-        ((ellipse.distance >= 0) & own & (ellipse.distance < (band + 1.5)[owner]), 0.08),
+        ((ellipse.distance >= 0) & own & (ellipse.distance < (band + 0.5)[owner]), 0.08),
     )
     whole = np.ones(len(patches), dtype=bool)
     for zone, allowed in zones:
