@@ -121,24 +121,27 @@ def is_regular(cells: np.ndarray, pixels: np.ndarray) -> bool:
     return squares >= max(2, 0.3 * len(cells)) and bent < MOST_BEND
 
 
-def extrapolate(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sites beside or within a patch: (m, 2) int, where they should lie (m, 2), and the pitch there (m,),
-    pixels.
+def extrapolate(
+    cells: np.ndarray, pixels: np.ndarray, ahead: int = 1
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Free sites ``ahead`` steps from a patch: (m, 2) int, where they should lie (m, 2), and the pitch there (m,).
 
-    Each is predicted along the lattice lines that lead to it: linearly from two points, with curvature from
-    three.
+    Each is predicted along the lattice lines that lead to it, n steps beyond the last point a of a, b, c:
+    a + n (a − b) from two points, and n (n + 1)/2 (a − 2b + c) more from three.
     """
     at = {tuple(cell): pixel for cell, pixel in zip(cells.tolist(), pixels, strict=True)}
     found: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}
-    for cell, near in at.items():
-        for step in DIRECTIONS.tolist():
-            site = (cell[0] + step[0], cell[1] + step[1])
-            second = at.get((cell[0] - step[0], cell[1] - step[1]))
+    for (x, y), near in at.items():
+        for step_x, step_y in DIRECTIONS.tolist():
+            site = (x + ahead * step_x, y + ahead * step_y)
+            second = at.get((x - step_x, y - step_y))
             if site in at or second is None:
                 continue
-            third = at.get((cell[0] - 2 * step[0], cell[1] - 2 * step[1]))
-            guess = 2 * near - second if third is None else 3 * near - 3 * second + third
-            found.setdefault(site, []).append((guess, float(np.hypot(*(guess - near)))))
+            third = at.get((x - 2 * step_x, y - 2 * step_y))
+            step = near - second
+            bend = 0.0 if third is None else near - 2 * second + third
+            guess = near + ahead * step + ahead * (ahead + 1) / 2 * bend
+            found.setdefault(site, []).append((guess, float(np.hypot(*step))))
     sites = np.array(list(found), dtype=int).reshape(-1, 2)
     guesses = list(found.values())
     where = np.array([np.mean([g for g, _ in guess], axis=0) for guess in guesses]).reshape(-1, 2)

@@ -7,7 +7,8 @@ import numpy as np
 from fisheye_ep_calib.target.cells import extrapolate, local_axes, neighbours
 from fisheye_ep_calib.target.corner_refinement import looks_like_corner, reach_of, refine_corners
 
-MOST_ROUNDS = 40
+MOST_ROUNDS = 60
+FARTHEST = 3
 
 
 def colour_parity(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> int:
@@ -36,23 +37,35 @@ def grow_corners(
     """The patch with every corner that can be reached from it; longest: the target's longer side, in corners.
     """
     refused: set[tuple[int, int]] = set()
+    ahead = 1
     for _ in range(MOST_ROUNDS):
-        sites, where, _ = extrapolate(cells, pixels)
+        if ahead > FARTHEST:
+            break
+        sites, where, _ = extrapolate(cells, pixels, ahead)
         extent = np.maximum(sites, cells.max(axis=0)) - np.minimum(sites, cells.min(axis=0)) + 1
         fresh = np.array([tuple(site) not in refused for site in sites.tolist()], dtype=bool)
-        fresh &= (extent <= longest).all(axis=1) if len(sites) else fresh
+        fresh &= (extent <= longest).all(axis=1)
         sites, where = sites[fresh], where[fresh]
-        if len(sites) == 0:
-            break
-        all_cells, all_pixels = np.concatenate([cells, sites]), np.concatenate([pixels, where])
-        axes, known = (part[len(cells) :] for part in local_axes(all_cells, all_pixels))
-        half = 0.5 * axes
-        reach = reach_of(half)
-        refined, good = refine_corners(image, where, reach)
-        good &= known & (np.hypot(*(refined - where).T) < 0.3 * 2 * reach)
-        good &= looks_like_corner(image, refined, half, np.where(sites.sum(axis=1) % 2 == parity, -1.0, 1.0))
-        refused.update(tuple(site) for site in sites[~good].tolist())
-        if not good.any():
-            break
+        good, refined = _examine(image, cells, pixels, sites, where, parity)
+        if ahead == 1:
+            refused.update(tuple(site) for site in sites[~good].tolist())
         cells, pixels = np.concatenate([cells, sites[good]]), np.concatenate([pixels, refined[good]])
+        # Beyond something that hides a corner the lattice may go on.
+        ahead = 1 if good.any() else ahead + 1
     return cells, pixels
+
+
+def _examine(image, cells, pixels, sites, where, parity: int) -> tuple[np.ndarray, np.ndarray]:
+    """Whether there is a corner near each site's pixel where (m, 2), and its position (m, 2)."""
+    if len(sites) == 0:
+        return np.zeros(0, dtype=bool), where
+    distance = np.abs(sites[:, None] - cells).sum(axis=2)
+    axes, known = local_axes(cells, pixels)
+    distance[:, ~known] += 1000
+    nearest = distance.argmin(axis=1)
+    half = 0.5 * axes[nearest]
+    reach = reach_of(half)
+    refined, good = refine_corners(image, where, reach)
+    good &= known[nearest] & (np.hypot(*(refined - where).T) < 0.6 * reach)
+    bright = np.where(sites.sum(axis=1) % 2 == parity, -1.0, 1.0)
+    return good & looks_like_corner(image, refined, half, bright), refined

@@ -7,7 +7,8 @@ import numpy as np
 from fisheye_ep_calib.target.cells import extrapolate
 from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs, minor_axis
 
-MOST_ROUNDS = 20
+MOST_ROUNDS = 40
+FARTHEST = 3
 
 
 def complete_discs(
@@ -19,27 +20,41 @@ def complete_discs(
     longest: discs along the target's longer side. A disc that failed its measurement is not tried again.
     """
     taken = {tuple(cell) for cell in cells.tolist()}
+    ahead = 1
     for _ in range(MOST_ROUNDS):
         good = np.flatnonzero(discs.good)
-        if len(good) < 4:
+        if len(good) < 4 or ahead > FARTHEST:
             break
-        sites, where, _ = extrapolate(cells[good], discs.center[good])
-        extent = np.maximum(sites, cells[good].max(axis=0)) - np.minimum(sites, cells[good].min(axis=0)) + 1
-        fresh = np.array([tuple(site) not in taken for site in sites.tolist()], dtype=bool)
-        fresh &= (extent <= longest).all(axis=1) if len(sites) else fresh
-        sites, where = sites[fresh], where[fresh]
-        if len(sites) == 0:
-            break
-        taken.update(tuple(site) for site in sites.tolist())
-        distance = np.abs(sites[:, None] - cells[good]).sum(axis=2)
-        shape = discs.shape[good[distance.argmin(axis=1)]]
-        found = measure_discs(image, where, shape, ratio, np.full(len(sites), hole))
-        near = np.hypot(*(found.center - where).T) < 0.7 * minor_axis(shape)
-        alike = np.abs(np.log(np.linalg.det(found.shape) / np.linalg.det(shape))) < 0.8
-        contrast = found.contrast > 0.4 * np.median(discs.contrast[good])
-        kept = found.good & near & alike & contrast
-        if not kept.any():
-            break
-        cells = np.concatenate([cells, sites[kept]])
-        discs = discs.joined(found[kept])
+        sites, where = _fresh_sites(cells[good], discs.center[good], taken, longest, ahead)
+        if ahead == 1:
+            taken.update(tuple(site) for site in sites.tolist())
+        kept = np.zeros(len(sites), dtype=bool)
+        if len(sites):
+            nearest = np.abs(sites[:, None] - cells[good]).sum(axis=2).argmin(axis=1)
+            shape = discs.shape[good[nearest]]
+            found = measure_discs(image, where, shape, ratio, np.full(len(sites), hole))
+            kept = _belongs(found, where, shape, np.median(discs.contrast[good]))
+        if kept.any():
+            cells, discs = np.concatenate([cells, sites[kept]]), discs.joined(found[kept])
+            taken.update(tuple(site) for site in sites[kept].tolist())
+        # Beyond something that hides a disc the lattice may go on.
+        ahead = 1 if kept.any() else ahead + 1
     return cells, discs
+
+
+def _fresh_sites(
+    cells: np.ndarray, pixels: np.ndarray, taken: set[tuple[int, int]], longest: int, ahead: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sites (m, 2) that were not tried and leave the patch no longer than the target, and their pixels (m, 2)."""
+    sites, where, _ = extrapolate(cells, pixels, ahead)
+    extent = np.maximum(sites, cells.max(axis=0)) - np.minimum(sites, cells.min(axis=0)) + 1
+    fresh = np.array([tuple(site) not in taken for site in sites.tolist()], dtype=bool)
+    fresh &= (extent <= longest).all(axis=1)
+    return sites[fresh], where[fresh]
+
+
+def _belongs(found: Measurement, where: np.ndarray, shape: np.ndarray, contrast: float) -> np.ndarray:
+    """Whether each disc is seen whole, near where it should be (m, 2), and of the size and contrast of its like."""
+    near = np.hypot(*(found.center - where).T) < 0.7 * minor_axis(shape)
+    alike = np.abs(np.log(np.linalg.det(found.shape) / np.linalg.det(shape))) < 0.8
+    return found.good & near & alike & (found.contrast > 0.4 * contrast)
