@@ -11,6 +11,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
 from fisheye_ep_calib.storage.images import decode_compressed, decode_image
 from fisheye_ep_calib.storage.messages import deserialize
+from fisheye_ep_calib.storage.pictures import Picture, decode_compressed_picture, decode_picture
 from fisheye_ep_calib.storage.sources.open_files import forget, note_use
 
 IMAGE = "sensor_msgs/msg/Image"
@@ -66,6 +67,10 @@ class Source:
         """The image as grey (h, w) uint8. Raises InputError where it is damaged."""
         raise NotImplementedError
 
+    def picture(self, topic: str, entry: Entry) -> Picture:
+        """The image with its colours. Raises InputError where it is damaged."""
+        raise NotImplementedError
+
     def frame_id(self, topic: str, entry: Entry) -> str:
         """The frame_id in the image's header; empty where there is none."""
         return ""
@@ -111,6 +116,10 @@ class BagSource(Source):
 
     def image(self, topic: str, entry: Entry) -> np.ndarray:
         decode = decode_image if self.topics[topic] == IMAGE else decode_compressed
+        return decode(self.message(topic, entry))
+
+    def picture(self, topic: str, entry: Entry) -> Picture:
+        decode = decode_picture if self.topics[topic] == IMAGE else decode_compressed_picture
         return decode(self.message(topic, entry))
 
     def frame_id(self, topic: str, entry: Entry) -> str:

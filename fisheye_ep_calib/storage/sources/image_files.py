@@ -10,6 +10,7 @@ import numpy as np
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.images import decode_file_content
+from fisheye_ep_calib.storage.pictures import Picture, decode_picture_content
 from fisheye_ep_calib.storage.sources.base import Entry, Source
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
@@ -30,11 +31,17 @@ class ImageFiles(Source):
         return self.files[entry.location[0]].name
 
     def image(self, topic: str, entry: Entry) -> np.ndarray:
+        return decode_file_content(self._content(entry))
+
+    def picture(self, topic: str, entry: Entry) -> Picture:
+        return decode_picture_content(self._content(entry))
+
+    def _content(self, entry: Entry) -> bytes:
         path = self.files[entry.location[0]]
         try:
             if path.stat().st_size > MAX_FILE_BYTES:
                 raise InputError("the file is too large for an image")
-            return decode_file_content(path.read_bytes())
+            return path.read_bytes()
         except OSError as error:
             raise InputError(f"the file cannot be read ({error.strerror or error})") from None
 

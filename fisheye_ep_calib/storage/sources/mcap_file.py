@@ -136,13 +136,17 @@ class McapFile(BagSource):
             if not ended:
                 self._say_cut_short(cut.position)
         if damaged:
-            self.problems.append(f"{self.path}: {damaged} damaged parts are lost")
+            self.problems.append(f"{self.path}: what {damaged} damaged or incomplete records held is lost")
         elif ended and self._listed() < self._counted(counts):
             self.problems.append(f"{self.path}: {self._counted(counts) - self._listed()} images are lost")
 
     def _say_cut_short(self, position: int) -> None:
-        where = "at its end" if position >= self._size else f"at {100 * position / self._size:.0f} % of its length"
-        self.problems.append(f"{self.path}: unfinished, cut short or damaged {where}; what precedes is used")
+        percent = 100 * position / self._size
+        if percent >= 99.5:
+            said = f"unfinished or cut short; the {self._listed()} images it still holds are used"
+        else:
+            said = f"cut short or damaged; the {self._listed()} images before {percent:.0f} % of its length are used"
+        self.problems.append(f"{self.path}: {said}")
 
     def _index_chunk(self, stream: BinaryIO, record: Record) -> bool:
         """List the images of a chunk; False where some of it is lost."""
