@@ -56,7 +56,9 @@ class LiveCalibrator:
         self._tuning = tuning
         self._published = {camera.name: camera.initial for camera in settings.cameras}
         self._models = {camera.name: camera.model for camera in settings.cameras}
+        self._lock = threading.Lock()
         self._automatic: dict[str, int] = {}  # views that each camera's last automatic calibration had
+        self._busy: set[str] = set()  # cameras whose automatic calibration is under way
         self._stopping = threading.Event()
         # A camera without a target is published and nothing else.
         self.sessions = {
@@ -146,7 +148,7 @@ class LiveCalibrator:
                 session,
                 reception[name],
                 [text for key, text in standing.items() if key.partition(" ")[0] in (name, "pool")],
-                self._tuning.minimum_views,
+                self._tuning,
             )
             for name, session in self.sessions.items()
         ]
@@ -156,8 +158,9 @@ class LiveCalibrator:
             return None
         views = session.views
         covered = np.concatenate([view.pixels for view in views]) if views else np.empty((0, 2))
-        lines = (f"{session.name}: {len(views)} views", next_step(session, self._tuning.minimum_views))
-        return OverlayRequest(covered, lines)
+        advice = session.outcome.advice if session.outcome else None
+        wanted = advice.outline if advice else np.empty((0, 2))
+        return OverlayRequest(covered, wanted, (_headline(session), next_step(session, self._tuning)))
 
     def _task_failed(self, text: str) -> None:
         self._announcer.warn_once("pool", f"this should not happen: {text}")
@@ -192,12 +195,15 @@ class LiveCalibrator:
         )
 
     def _calibrate_if_due(self, name: str) -> None:
-        """Automatic calibration: at the least number of views, and whenever there are a fifth more again."""
+        """Automatic calibration: whenever there are new views, once the one before has ended."""
         tuning, views = self._tuning, len(self.sessions[name].views)
-        due = max(tuning.minimum_views, int(1.2 * self._automatic.get(name, 0)) + 1)
-        if tuning.auto_calibrate and views >= due:
+        with self._lock:
+            fresh = views != self._automatic.get(name, 0) and name not in self._busy
+            if not (tuning.auto_calibrate and views >= tuning.minimum_views and fresh):
+                return
             self._automatic[name] = views
-            self._queue_calibration(name, asked=False)
+            self._busy.add(name)
+        self._queue_calibration(name, asked=False)
 
     def _queue_calibration(self, name: str, asked: bool) -> _Promise:
         session, model = self.sessions[name], self._models[name]
@@ -212,6 +218,10 @@ class LiveCalibrator:
                 promise.answer = self._calibrated(session, outcome, error, generation, asked)
             finally:
                 promise.ready.set()
+                if not asked:
+                    with self._lock:
+                        self._busy.discard(name)
+            self._calibrate_if_due(name)
 
         self._pool.queue_job(Task(calibrate_views, arguments, done))
         return promise
@@ -259,6 +269,16 @@ class LiveCalibrator:
     def _not_written(self, session: CameraSession, error: CalibrationError) -> None:
         text = f"{session.name}: {error}; all stays in memory and writing is tried again"
         self._announcer.warn_once(f"{session.name} disk", text)
+
+
+def _headline(session: CameraSession) -> str:
+    outcome = session.outcome
+    text = f"{session.name}: {len(session.views)} views"
+    if outcome is None or "rms_px" not in outcome.figures:
+        return text
+    return text + ", {model}, RMS {rms_px:.3f} px, E to {band:.2g} mm".format(
+        **outcome.figures, band=outcome.pupil_band_mm
+    )
 
 
 class _Promise:

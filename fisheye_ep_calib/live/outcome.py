@@ -11,10 +11,12 @@ import numpy as np
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
 from fisheye_ep_calib.calibration.uncertainty import projection_uncertainty, pupil_sigma
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.live.advice import Advice, advise
 from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
 from fisheye_ep_calib.storage.camera_info import PlainCameraInfo, plain_camera_info
 
 PUPIL_ANGLES = (30, 60, 80)  # degrees at which E(θ) and its band are told
+GOAL_ANGLE = 60  # degrees at which the band is held against the goal
 DISTANCES = (0.15, 10.0)  # metres at which the projection's uncertainty is taken
 
 
@@ -22,6 +24,7 @@ DISTANCES = (0.15, 10.0)  # metres at which the projection's uncertainty is take
 class Outcome:
     """yaml: the camera's file. figures: JSON-ready; those of a calibration have more than those of a file.
 
+    advice: what is still lacking; None where nothing is known about it.
     uncertainty_px: RMS over the field of the projection's standard deviation, px per axis; NaN where unknown.
     """
 
@@ -29,7 +32,15 @@ class Outcome:
     yaml: str
     info: PlainCameraInfo
     figures: dict[str, Any]
+    advice: Advice | None = None
     uncertainty_px: float = np.nan
+
+    @property
+    def pupil_band_mm(self) -> float:
+        """Standard deviation of E at GOAL_ANGLE; infinite where the model has no pupil or was not seen so far out."""
+        if not self.camera.coefficients:
+            return np.inf
+        return self.figures.get("entrance_pupil_mm", {}).get(str(GOAL_ANGLE), (0.0, np.inf))[1]
 
     def worse_than(self, other: Outcome) -> bool:
         """Whether a calibration from more views knows clearly less than an earlier one of the same model.
@@ -48,6 +59,7 @@ def calibrate_views(observations: Observations, model: str, name: str, source: s
         yaml=camera_yaml(result, name, source),
         info=plain_camera_info(result.stand_in.camera),
         figures=_figures(result, spread),
+        advice=advise(result, observations),
         uncertainty_px=spread,
     )
 
@@ -82,7 +94,7 @@ def _figures(result: CalibrationResult, spread: float) -> dict[str, Any]:
         "rms_px": round(result.rms_px, 4),
         "views_used": result.views,
         "points": result.points,
-        "uncertainty_px": round(spread, 4),
+        "uncertainty_px": round(spread, 4) if np.isfinite(spread) else None,
         "entrance_pupil_supported": bool(result.entrance_pupil_supported),
         "theta_max_deg": round(float(np.degrees(result.camera.theta_max)), 1),
         "entrance_pupil_mm": {

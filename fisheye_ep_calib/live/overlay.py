@@ -10,14 +10,19 @@ import numpy as np
 from fisheye_ep_calib.target import Detection
 
 LONGEST_SIDE = 1024  # pixels; larger images are reduced
-FOUND, REFUSED, COVERED, TEXT = (80, 220, 60), (60, 60, 255), (220, 160, 40), (255, 255, 255)  # blue, green, red
+# Blue, green, red.
+FOUND, REFUSED, COVERED, WANTED, TEXT = (80, 220, 60), (60, 60, 255), (220, 160, 40), (0, 200, 255), (255, 255, 255)
 
 
 @dataclass(frozen=True)
 class OverlayRequest:
-    """covered (n, 2): pixels of the kept views' points. lines: what to write, ASCII."""
+    """covered (n, 2): pixels of the kept views' points. wanted (k, 2): outline of where to hold the target.
+
+    lines: what to write.
+    """
 
     covered: np.ndarray
+    wanted: np.ndarray
     lines: tuple[str, ...]
 
 
@@ -30,10 +35,13 @@ def draw_overlay(image: np.ndarray, detection: Detection, request: OverlayReques
     for points, colour in ((detection.rejected, REFUSED), (detection.pixels, FOUND)):
         for x, y in _scaled(points, scale):
             cv2.circle(picture, (x, y), 4, colour, 1, cv2.LINE_AA)
+    if len(request.wanted):
+        outline = np.array(_scaled(request.wanted, scale), np.int32)
+        cv2.polylines(picture, [outline], True, WANTED, 2, cv2.LINE_AA)
     for number, line in enumerate(request.lines):
-        at = (10, 26 + 26 * number)
-        cv2.putText(picture, line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.65, (0, 0, 0), 4, cv2.LINE_AA)
-        cv2.putText(picture, line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.65, TEXT, 1, cv2.LINE_AA)
+        at, ascii_line = (10, 26 + 26 * number), line.replace("°", " deg").replace("×", "x")
+        cv2.putText(picture, ascii_line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 4, cv2.LINE_AA)
+        cv2.putText(picture, ascii_line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.55, TEXT, 1, cv2.LINE_AA)
     return picture
 
 

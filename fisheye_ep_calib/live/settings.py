@@ -49,8 +49,10 @@ class Tuning:
     """What may change while the calibrator runs.
 
     auto_calibrate: calibrate without being asked, from minimum_views on. limits: which views are kept.
+    goal_mm: standard deviation of E(60°) at which the user is told that it is enough.
     """
 
     auto_calibrate: bool = True
     minimum_views: int = 10
+    goal_mm: float = 0.05
     limits: Limits = Limits()

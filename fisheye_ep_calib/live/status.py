@@ -7,6 +7,7 @@ from enum import IntEnum
 from typing import Any
 
 from fisheye_ep_calib.live.session import CameraSession
+from fisheye_ep_calib.live.settings import Tuning
 
 
 class Level(IntEnum):
@@ -52,7 +53,7 @@ class CameraStatus:
 
 
 def camera_status(
-    session: CameraSession, reception: Reception, warnings: list[str], minimum_views: int
+    session: CameraSession, reception: Reception, warnings: list[str], tuning: Tuning
 ) -> CameraStatus:
     """Status of one camera. warnings: texts that stand."""
     counters, views, outcome = session.counters, len(session.views), session.outcome
@@ -70,6 +71,8 @@ def camera_status(
         "unwritten": session.unwritten,
         "calibrated": outcome is not None,
         "calibration": outcome.figures if outcome is not None else None,
+        "guidance": outcome.advice.figures if outcome is not None and outcome.advice is not None else None,
+        "goal_entrance_pupil_mm": tuning.goal_mm,
         "warnings": warnings,
     }
     if reception.silent:
@@ -80,17 +83,23 @@ def camera_status(
         level, message = Level.OK, f"collecting, {views} views"
     else:
         level, message = Level.OK, f"calibrated ({outcome.figures['model']}), {views} views"
-    step = "start the camera" if reception.silent else next_step(session, minimum_views)
+    step = "start the camera" if reception.silent else next_step(session, tuning)
     return CameraStatus(session.name, level, message, step, values)
 
 
-def next_step(session: CameraSession, minimum_views: int) -> str:
+def next_step(session: CameraSession, tuning: Tuning) -> str:
     """What would help most, in one sentence."""
+    minimum_views, goal_mm = tuning.minimum_views, tuning.goal_mm
     views = len(session.views)
     if views == 0 and session.counters.found == 0:
         return "hold the target before the camera"
     if views < minimum_views:
         return f"move and tilt the target: {minimum_views - views} more views are wanted"
-    if session.outcome is None:
+    outcome = session.outcome
+    if outcome is None:
         return "call ~/calibrate, or go on moving the target"
-    return "show the target at the edge of the image, near and far, to sharpen the entrance pupil"
+    if outcome.advice is None:
+        return "move and tilt the target: near, far and at the edge of the image"
+    if outcome.pupil_band_mm <= goal_mm:
+        return f"the entrance pupil is known to {outcome.pupil_band_mm:.2g} mm, the goal: save, or go on"
+    return outcome.advice.sentence

@@ -27,6 +27,7 @@ NODE = (
     Entry("workers", 2, "Processes that detect and calibrate, for all cameras together.", 1, 64),
     Entry("auto_calibrate", True, "Calibrate without being asked, once there are views enough.", live=True),
     Entry("minimum_views", 10, "Views from which on auto_calibrate calibrates.", 3, 10000, live=True),
+    Entry("goal_mm", 0.05, "Standard deviation of E(60 deg), mm, at which it is enough.", 0.0, 1e3, live=True),
     Entry("maximum_views", 150, "No more views are kept than these.", 3, 10000, live=True),
     Entry("novelty.position", 0.08, "New: the board moved this fraction of the image.", 0.0, 1.0, live=True),
     Entry("novelty.size", 0.3, "New: its size changed by 2 to this power.", 0.0, 10.0, live=True),
@@ -61,7 +62,7 @@ def tuning(table: ParameterTable) -> Tuning:
     """What may change while the node runs."""
     novelty = Novelty(table["novelty.position"], table["novelty.size"], table["novelty.tilt"])
     limits = Limits(novelty, table["maximum_views"])
-    return Tuning(table["auto_calibrate"], table["minimum_views"], limits)
+    return Tuning(table["auto_calibrate"], table["minimum_views"], table["goal_mm"], limits)
 
 
 def _camera_names(names: list[str]) -> list[str]:
