@@ -1,0 +1,65 @@
+"""What the recording could not tell is said, with what to record more of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fisheye_ep_calib import calibrate
+from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target, random_poses
+
+TARGET = paper_target()
+
+
+@pytest.fixture(scope="module")
+def good():
+    """Paper camera, near and far, over the whole field."""
+    poses = np.concatenate([paper_poses(TARGET, 0), random_poses(TARGET, 15, 1, distance=(0.2, 0.4))])
+    observations = observe(paper_camera(), TARGET, poses, 0.05, 0)
+    return {model: calibrate(observations, model) for model in ("ep_odd", "kannala")}
+
+
+def findings(result):
+    return {one.name: one for one in result.diagnosis.findings}
+
+
+def test_a_good_recording_raises_no_concern_but_the_wrong_model_does(good):
+    told = findings(good["ep_odd"])
+    assert not told["near/far split"].concern
+    assert not told["depth at large angles"].concern
+    assert not told["pupil against depth"].concern
+    split = findings(good["kannala"])["near/far split"]
+    assert split.concern
+    assert split.values["difference_px"] > 2.5 * split.values["expected_px"]
+
+
+def test_a_narrow_recording_is_told_to_go_to_the_edge():
+    poses = random_poses(TARGET, 12, 2, theta_deg=(0, 45), distance=(0.12, 0.13))
+    one_sided = poses[poses[:, 0, 3] > -0.02]
+    result = calibrate(observe(paper_camera(), TARGET, one_sided, 0.05, 0), "kannala")
+    told = findings(result)
+    assert told["depth at large angles"].concern
+    assert told["coverage"].concern and "left" in told["coverage"].sentence
+
+
+def test_counts_are_the_sightings_used(good):
+    result = good["ep_odd"]
+    assert result.diagnosis.counts.sum() == result.points
+    assert len(result.diagnosis.view_rms_px) == result.views
+
+
+def test_a_moved_board_is_the_worst_view():
+    observations = observe(paper_camera(), TARGET, paper_poses(TARGET, 0), 0.05, 0)
+    shaken = observations.image_index == 7
+    noise = np.random.default_rng(0).normal(0, 0.2, (int(shaken.sum()), 2))
+    pixels = observations.pixels.copy()
+    pixels[shaken] += noise
+    told = findings(calibrate(replace(observations, pixels=pixels), "ep_odd"))["worst view"]
+    assert told.concern and observations.image_names[7] in told.sentence
+
+
+def test_projection_uncertainty_is_smallest_where_the_boards_were(good):
+    table = good["ep_odd"].projection_table
+    near = int(np.argmin(np.abs(table.distance_m - 0.1)))
+    assert (table.sigma_px > 0).all()
+    assert (table.sigma_px[:, near] <= table.sigma_px[:, -1] * 1.05).mean() > 0.7
