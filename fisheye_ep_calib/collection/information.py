@@ -72,7 +72,7 @@ def _rough_camera(
             np.concatenate([found[image].pixels for image in images.tolist()]),
             image_size,
         )
-        fit = first_fit(sightings_of(observations))
+        fit = first_fit(sightings_of(observations), robust=True)
     except (CalibrationError, np.linalg.LinAlgError):
         return None
     error = np.linalg.norm(fit.residuals[0], axis=-1)
