@@ -17,6 +17,7 @@ COMMANDS = {
     "evaluate": "measure a camera file on other images, the camera frozen",
     "detect": "find the target in images and show what was found",
     "show": "print a camera file: intrinsics, entrance pupil, what is known about them",
+    "rectify": "images without the fisheye's distortion, the pupil's shift corrected for a distance",
     "simulate": "write images of a known camera as a bag",
     "demo": "the whole way once, on rendered images",
 }

@@ -21,6 +21,7 @@ from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_info import plain_camera_info
+from fisheye_ep_calib.storage.camera_info_file import camera_info_content
 
 SCHEMA = 1
 _MOST_BYTES = 1 << 20
@@ -56,7 +57,7 @@ def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
     if result.fit.structure.target_axis:
         raise CalibrationError(f"{result.model} is no camera and cannot be saved; take ep_odd")
     camera, stand_in = result.camera, result.stand_in
-    content = _top_level(stand_in.camera, name)
+    content = camera_info_content(plain_camera_info(stand_in.camera), name)
     content["entrance_pupil"] = {
         "schema": SCHEMA,
         "model": camera.model,
@@ -101,24 +102,6 @@ def _projection_uncertainty(result: CalibrationResult) -> dict:
         "distance_m": _floats(table.distance_m),
         "sigma_px": [[round(value, 6) for value in _floats(row)] for row in table.sigma_px],
     }
-
-
-def _top_level(stand_in: FisheyeCamera, name: str) -> dict:
-    info = plain_camera_info(stand_in)
-    return {
-        "image_width": int(info.width),
-        "image_height": int(info.height),
-        "camera_name": str(name),
-        "camera_matrix": _matrix(3, 3, info.k),
-        "distortion_model": info.distortion_model,
-        "distortion_coefficients": _matrix(1, len(info.d), info.d),
-        "rectification_matrix": _matrix(3, 3, info.r),
-        "projection_matrix": _matrix(3, 4, info.p),
-    }
-
-
-def _matrix(rows: int, columns: int, values) -> dict:
-    return {"rows": rows, "cols": columns, "data": _floats(values)}
 
 
 def _floats(values) -> list[float]:

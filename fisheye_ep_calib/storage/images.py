@@ -16,7 +16,7 @@ from fisheye_ep_calib.storage.image_header import check_size, declared_size
 
 
 @dataclass(frozen=True)
-class _Layout:
+class Layout:
     """How an encoding lays out its pixels.
 
     depth: bits a sample, 8 or 16. channels: samples a pixel in a row of ``step`` bytes.
@@ -39,22 +39,24 @@ BAYER_TO_GREY = {
 }
 
 LAYOUTS = {
-    "uyvy": _Layout(8, 2, cv2.COLOR_YUV2GRAY_UYVY),
-    "yuyv": _Layout(8, 2, cv2.COLOR_YUV2GRAY_YUY2),
-    "nv12": _Layout(8, 1, rows=1.5),
-    "nv21": _Layout(8, 1, rows=1.5),
-    "nv24": _Layout(8, 1, rows=3.0),
+    "uyvy": Layout(8, 2, cv2.COLOR_YUV2GRAY_UYVY),
+    "yuyv": Layout(8, 2, cv2.COLOR_YUV2GRAY_YUY2),
+    "nv12": Layout(8, 1, rows=1.5),
+    "nv21": Layout(8, 1, rows=1.5),
+    "nv24": Layout(8, 1, rows=3.0),
 }
 LAYOUTS["yuv422"] = LAYOUTS["uyvy"]
 LAYOUTS["yuv422_yuy2"] = LAYOUTS["yuyv"]
 for _depth in (8, 16):
-    LAYOUTS[f"mono{_depth}"] = LAYOUTS[f"{_depth}uc1"] = LAYOUTS[f"{_depth}uc"] = _Layout(_depth, 1)
-    LAYOUTS[f"rgb{_depth}"] = _Layout(_depth, 3, cv2.COLOR_RGB2GRAY)
-    LAYOUTS[f"bgr{_depth}"] = LAYOUTS[f"{_depth}uc3"] = _Layout(_depth, 3, cv2.COLOR_BGR2GRAY)
-    LAYOUTS[f"rgba{_depth}"] = _Layout(_depth, 4, cv2.COLOR_RGBA2GRAY)
-    LAYOUTS[f"bgra{_depth}"] = LAYOUTS[f"{_depth}uc4"] = _Layout(_depth, 4, cv2.COLOR_BGRA2GRAY)
+    LAYOUTS[f"mono{_depth}"] = LAYOUTS[f"{_depth}uc1"] = LAYOUTS[f"{_depth}uc"] = Layout(_depth, 1)
+    LAYOUTS[f"rgb{_depth}"] = Layout(_depth, 3, cv2.COLOR_RGB2GRAY)
+    LAYOUTS[f"bgr{_depth}"] = LAYOUTS[f"{_depth}uc3"] = Layout(_depth, 3, cv2.COLOR_BGR2GRAY)
+    LAYOUTS[f"rgba{_depth}"] = Layout(_depth, 4, cv2.COLOR_RGBA2GRAY)
+    LAYOUTS[f"bgra{_depth}"] = LAYOUTS[f"{_depth}uc4"] = Layout(_depth, 4, cv2.COLOR_BGRA2GRAY)
     for _pattern, _code in BAYER_TO_GREY.items():
-        LAYOUTS[f"bayer_{_pattern}{_depth}"] = _Layout(_depth, 1, _code)
+        LAYOUTS[f"bayer_{_pattern}{_depth}"] = Layout(_depth, 1, _code)
+
+_GREY_OF_CHANNELS = {1: None, 3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 
 
 def decode_image(message) -> np.ndarray:
@@ -63,9 +65,19 @@ def decode_image(message) -> np.ndarray:
     16-bit samples are scaled by the power of two that holds the brightest, because cameras of 10 and 12 bits
     fill 16-bit messages without shifting. Raises InputError.
     """
+    samples, layout = checked_samples(message)
+    return _to_eight_bits(_to_grey(samples[: int(message.height)], layout.to_grey))
+
+
+def checked_samples(message) -> tuple[np.ndarray, Layout]:
+    """The samples of a sensor_msgs/Image (rows, width[, channels]) of 8 or 16 bits, and how they are laid out.
+
+    There are more rows than the image has where colour planes follow. Raises InputError where header and data
+    do not fit together.
+    """
     layout = LAYOUTS.get(str(message.encoding).strip().lower())
     if layout is None:
-        raise InputError(f"the image's encoding is {_short(message.encoding)!r}, which cannot be read")
+        raise InputError(f"the image's encoding is {short_name(message.encoding)!r}, which cannot be read")
     width, height, step = int(message.width), int(message.height), int(message.step)
     check_size(width, height)
     if layout.channels == 2 and width % 2:
@@ -73,28 +85,37 @@ def decode_image(message) -> np.ndarray:
     row_bytes = width * layout.channels * layout.depth // 8
     if step < row_bytes:
         raise InputError(f"the image's step is {step} bytes, but a row of {width} pixels takes {row_bytes}")
-    data = _as_bytes(message.data)
+    data = as_bytes(message.data)
     rows = int(height * layout.rows)
     if len(data) != rows * step:
         raise InputError(
             f"the image's header says {rows} rows × {step} bytes = {rows * step}, but there are {len(data)}"
         )
-    samples = data.reshape(rows, step)[:height, :row_bytes]
+    samples = data.reshape(rows, step)[:, :row_bytes]
     if layout.depth == 16:
         samples = np.ascontiguousarray(samples).view(">u2" if message.is_bigendian else "<u2")
         samples = samples.astype(np.uint16, copy=False)
     if layout.channels > 1:
-        samples = samples.reshape(height, width, layout.channels)
-    return _to_eight_bits(_to_grey(samples, layout.to_grey))
+        samples = samples.reshape(rows, width, layout.channels)
+    return samples, layout
 
 
 def decode_compressed(message) -> np.ndarray:
     """sensor_msgs/CompressedImage (JPEG or PNG, whatever its ``format`` says) → grey (h, w) uint8."""
-    return decode_file_content(_as_bytes(message.data))
+    return decode_file_content(as_bytes(message.data))
 
 
 def decode_file_content(content: bytes | np.ndarray) -> np.ndarray:
     """The content of a PNG, JPEG, BMP or TIFF file → grey (h, w) uint8. Raises InputError."""
+    image = decoded_file(content)
+    return _to_eight_bits(_to_grey(image, _GREY_OF_CHANNELS[image.shape[2]]))
+
+
+def decoded_file(content: bytes | np.ndarray) -> np.ndarray:
+    """The content of a PNG, JPEG, BMP or TIFF file → (h, w, 1, 3 or 4) of 8 or 16 bits, blue green red alpha.
+
+    Raises InputError.
+    """
     data = np.frombuffer(content, dtype=np.uint8)
     width, height = declared_size(data.data)
     try:
@@ -108,11 +129,10 @@ def decode_file_content(content: bytes | np.ndarray) -> np.ndarray:
         raise InputError(f"the compressed image declares {width}×{height} and holds another size")
     if image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"the compressed image holds samples of type {image.dtype}, not 8 or 16 bits")
-    codes = {1: None, 3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
     channels = 1 if image.ndim == 2 else image.shape[2]
-    if channels not in codes:
+    if channels not in _GREY_OF_CHANNELS:
         raise InputError(f"the compressed image has {channels} channels")
-    return _to_eight_bits(_to_grey(image.reshape(height, width, -1), codes[channels]))
+    return image.reshape(height, width, channels)
 
 
 def _to_grey(samples: np.ndarray, code: int | None) -> np.ndarray:
@@ -131,7 +151,7 @@ def _to_eight_bits(grey: np.ndarray) -> np.ndarray:
     return (grey >> shift).astype(np.uint8)
 
 
-def _as_bytes(data) -> np.ndarray:
+def as_bytes(data) -> np.ndarray:
     """Bytes, a memoryview, an array.array or an array of uint8 without a copy; a list of numbers with one."""
     try:
         if isinstance(data, list | tuple):
@@ -141,7 +161,7 @@ def _as_bytes(data) -> np.ndarray:
         raise InputError("the image's data is not a sequence of bytes") from None
 
 
-def _short(text) -> str:
+def short_name(text) -> str:
     """A name from a message, fit to stand in one line."""
     text = "".join(character if character.isprintable() else "?" for character in str(text))
     return text if len(text) <= 40 else text[:40] + "…"

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.pictures import Picture
 from fisheye_ep_calib.storage.sources.base import Entry, Source
 from fisheye_ep_calib.storage.sources.find import find_sources
 
@@ -42,6 +43,10 @@ class Frame:
     def image(self) -> np.ndarray:
         """Grey (h, w) uint8, read and decoded now. Raises InputError where this one image is damaged."""
         return self._source.image(self.topic, self._entry)
+
+    def picture(self) -> Picture:
+        """The image with its colours, read and decoded now. Raises InputError where it is damaged."""
+        return self._source.picture(self.topic, self._entry)
 
     @property
     def frame_id(self) -> str:
