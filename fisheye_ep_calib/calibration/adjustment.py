@@ -16,6 +16,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.incidence import PupilRange, pupil_range
 from fisheye_ep_calib.errors import InputError
 
+_MOST_DAMPING = 1e14
 _CONVERGED = 1e-10  # predicted decrease of the cost, as a fraction of it
 
 
@@ -158,6 +159,8 @@ def adjust(
         try:
             step = solve_damped(equations, damping)
         except np.linalg.LinAlgError:
+            if damping > _MOST_DAMPING:
+                break
             damping, growth = max(damping, 1e-6) * growth, growth * 2
             continue
         floor = tolerance * max(equations.cost, 1e-14)
@@ -174,7 +177,7 @@ def adjust(
             return Adjustment(state, equations, iteration + 1, True)
         if not accepted:
             damping, growth = max(damping, 1e-6) * growth, growth * 2
-            if damping > 1e14:
+            if damping > _MOST_DAMPING:
                 # No downhill step exists beyond rounding: that is a minimum if the last step was small.
                 return Adjustment(state, equations, iteration + 1, small)
     return Adjustment(state, equations, max_iterations, False)

@@ -15,6 +15,7 @@ from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 
 _WARP = "board warp"
+_CLUSTERS_BEYOND_TERMS = 5  # views beyond the number of tested parameters that the view-robust test needs
 _SIGNIFICANCE = 0.001  # of the nested test
 
 
@@ -55,7 +56,8 @@ def nested_test(rich: Fit, plain: Fit) -> float:
 
     The F test on the costs (Seber and Wild, Nonlinear Regression, 5.3) trusts that residuals are independent; those
     of one view share its pose, its lighting and its blur, so a Wald test whose covariance is built from whole views
-    (the cluster-robust sandwich; Cameron and Miller, J. Human Resources 50, 2015) must agree.
+    (the cluster-robust sandwich; Cameron and Miller, J. Human Resources 50, 2015) must agree. With too few views for
+    that the F test stands alone.
     """
     extra = rich.structure.parameter_count - plain.structure.parameter_count
     freedom = rich.degrees_of_freedom
@@ -72,8 +74,8 @@ def _wald_test(rich: Fit, plain: Fit) -> float:
     known, _ = plain.shared_parameters
     tested = [i for i, name in enumerate(names) if name not in known]
     views = len(rich.sightings.images)
-    if views <= len(tested) + 1:
-        return 1.0
+    if views < len(tested) + _CLUSTERS_BEYOND_TERMS:
+        return 0.0
     covariance = view_robust_covariance(rich.adjustment.equations)[np.ix_(tested, tested)]
     statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
     return float(f_distribution.sf(statistic, len(tested), views - len(tested)))
@@ -107,7 +109,7 @@ def choose(start: Fit, base: Structure, search: Search, models: tuple[str, ...] 
     best, each kept where a nested test and cross-validation agree; then all models are compared with what was kept.
     """
     reasons = []
-    fitted = {model: candidate(start, replace(base, model=model)) for model in models}
+    fitted = {model: candidate(start, _with_model(base, model, base.terms)) for model in models}
     best = min(fitted.values(), key=lambda one: one.validation.rms_px)
     structure = best.structure
     additions = [_WARP] * search.board_warp + list(search.extras)
@@ -129,7 +131,7 @@ def choose(start: Fit, base: Structure, search: Search, models: tuple[str, ...] 
         fitted = {
             model: best
             if model == best.structure.model
-            else candidate(fitted[model].fit, replace(best.structure, model=model, terms=base.terms))
+            else candidate(fitted[model].fit, _with_model(best.structure, model, base.terms))
             for model in models
         }
     chosen = simplest_good(fitted)
@@ -151,6 +153,12 @@ def _with_further_terms(chosen: Candidate, reasons: list[str]) -> Candidate:
             break
         chosen = richer
     return chosen
+
+
+def _with_model(structure: Structure, model: str, terms: int | None) -> Structure:
+    """The same structure with another pupil, of as many terms as asked for and as that family has."""
+    most = PUPIL_FAMILIES[model].max_terms
+    return replace(structure, model=model, terms=None if terms is None or most == 0 else min(terms, most))
 
 
 def _with_addition(structure: Structure, name: str) -> Structure:
