@@ -12,10 +12,19 @@ class Announcer:
     def __init__(self, info: Callable[[str], None], warning: Callable[[str], None]) -> None:
         self._info, self._warning = info, warning
         self._standing: dict[str, str] = {}
+        self._told: set[str] = set()
         self._lock = threading.Lock()
 
     def info(self, text: str) -> None:
         self._info(text)
+
+    def mention(self, key: str, text: str) -> None:
+        """Warn of something that may come again and again: the first time only."""
+        with self._lock:
+            known = key in self._told
+            self._told.add(key)
+        if not known:
+            self._warning(text)
 
     def warn_once(self, key: str, text: str) -> None:
         """Warn unless a warning with this key stands already; say what ends it with ``over``."""

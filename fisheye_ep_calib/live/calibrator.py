@@ -171,7 +171,7 @@ class LiveCalibrator:
         name = session.name
         if sighting is None:
             session.count(unreadable=1)
-            self._announcer.warn_once(f"{name} unreadable", f"{name}: a frame is skipped: {error}")
+            self._announcer.mention(f"{name} unreadable", f"{name}: a frame is skipped: {error}")
             return
         try:
             verdict = session.consider(sighting)
@@ -236,7 +236,8 @@ class LiveCalibrator:
     ) -> Answer:
         name, before = session.name, session.outcome
         if outcome is None:
-            self._announcer.warn_once(f"{name} calibration", f"{name}: not calibrated: {error}")
+            if not asked:
+                self._announcer.warn_once(f"{name} calibration", f"{name}: not calibrated: {error}")
             return Answer(False, f"{name}: {error}")
         self._announcer.over(f"{name} calibration")
         if before is not None and not asked and outcome.worse_than(before):

@@ -38,9 +38,10 @@ def draw_overlay(image: np.ndarray, detection: Detection, request: OverlayReques
     if len(request.wanted):
         outline = np.array(_scaled(request.wanted, scale), np.int32)
         cv2.polylines(picture, [outline], True, WANTED, 2, cv2.LINE_AA)
+    banner = picture[: 26 * len(request.lines) + 12 * bool(request.lines)]
+    banner[:] = banner // 3
     for number, line in enumerate(request.lines):
         at, ascii_line = (10, 26 + 26 * number), line.replace("°", " deg").replace("×", "x")
-        cv2.putText(picture, ascii_line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 4, cv2.LINE_AA)
         cv2.putText(picture, ascii_line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.55, TEXT, 1, cv2.LINE_AA)
     return picture
 
