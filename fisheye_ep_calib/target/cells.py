@@ -89,21 +89,21 @@ def line_residuals(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         middle = (4 * pixels[one] + 4 * pixels[other] - pixels[two] - pixels[far]) / 6 - pixels
         beyond = (3 * pixels[one] - 3 * pixels[two] + pixels[three] - pixels) / np.sqrt(19)
         for known, rest in ((around, middle), ((one >= 0) & (two >= 0) & (three >= 0), beyond)):
-            best = np.where(known, np.fmin(best, np.hypot(*rest.T)), best)
+            best = np.where(known, np.fmin(best, np.linalg.norm(rest, axis=1)), best)
     return best
 
 
 def smooth(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Whether each point (k,) fits the lattice lines through it.
 
-    Allowed are 0.3 pixels and 2 % of the pitch, which a strong lens bends a line from one point to the next,
+    Allowed are 0.3 pixels and 4 % of the pitch, which a strong lens bends a line from one point to the next,
     or six times what is usual in the patch.
     """
     rest = line_residuals(cells, pixels)
     known = np.isfinite(rest)
     if not known.any():
         return np.ones(len(cells), dtype=bool)
-    allowed = 0.3 + 0.02 * np.minimum(local_pitch(cells, pixels), 1000)
+    allowed = 0.3 + 0.04 * np.minimum(local_pitch(cells, pixels), 1000)
     return ~known | (rest < np.maximum(allowed, 6 * float(np.median(rest[known]))))
 
 

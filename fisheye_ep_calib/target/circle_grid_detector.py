@@ -13,7 +13,7 @@ from fisheye_ep_calib.target.cells import is_regular, smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.disc_growth import complete_discs
 from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs, minor_axis
-from fisheye_ep_calib.target.guidance import offset_residuals, predict_discs
+from fisheye_ep_calib.target.guidance import predict_discs, stays_smooth
 from fisheye_ep_calib.target.labelling import Placement, label_patch
 from fisheye_ep_calib.target.lattice import Lattice, grow_lattices
 
@@ -77,9 +77,11 @@ class CircleGridDetector:
         found = measure_discs(image, expected, shape, self.gap_ratio, hole, keep_shape=True)
         good = found.good.copy()
         if good.any():
-            rest = offset_residuals(points[index[good]], found.center[good] - expected[good])
-            limit = np.maximum(6 * np.median(rest), USUAL_ERROR)
-            good[good] = rest < np.minimum(limit, 0.5 * minor_axis(shape[good]))
+            offset = found.center[good] - expected[good]
+            common = stays_smooth(points[index[good]], offset, USUAL_ERROR)
+            common &= np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * minor_axis(shape[good])
+            allowed = np.where(hole[good] > 0, np.inf, found[good].size_error)
+            good[good] = common & stays_smooth(points[index[good]], found[good].log_radius_ratio, allowed)
         if not good.any():
             return Detection(reason="board not found where the camera expects it", rejected=expected)
         return Detection(index[good], found.center[good], rejected=found.center[~good])
@@ -115,7 +117,8 @@ class CircleGridDetector:
             is_plain=lambda sites, scale: _is_plain(image, sites, found),
         )
         good = found.good & labels.known
-        good[good] = smooth(cells[good], found.center[good]) if good.any() else False
+        if good.any():
+            good[good] = smooth(cells[good], found.center[good])
         if good.any() and not is_regular(cells[good], found.center[good]):
             good[:] = False
         loose = np.ones(len(blobs), dtype=bool)

@@ -6,7 +6,7 @@ import numpy as np
 
 from fisheye_ep_calib.target.corner_refinement import looks_like_corner, reach_of, refine_corners
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.guidance import offset_residuals, predict, predict_bend
+from fisheye_ep_calib.target.guidance import predict, predict_bend, stays_smooth
 from fisheye_ep_calib.target.saddle_fit import fit_saddles
 
 USUAL_ERROR = 0.25
@@ -42,8 +42,9 @@ def find_guided(
     refined = fit.pixels
     good = fit.good(bright[index]) & looks_like_corner(image, refined, axes, bright[index])
     if good.any():
-        rest = offset_residuals(points[index[good]], refined[good] - start[good])
-        good[good] = rest < np.minimum(np.maximum(6 * np.median(rest), USUAL_ERROR), 0.5 * reach[good])
+        offset = refined[good] - start[good]
+        common = stays_smooth(points[index[good]], offset, USUAL_ERROR)
+        good[good] = common & (np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * reach[good])
     if not good.any():
         return Detection(reason="board not found where the camera expects it", rejected=start)
     return Detection(index[good], refined[good], rejected=start[~good])

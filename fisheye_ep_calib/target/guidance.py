@@ -89,20 +89,25 @@ def predict_bend(
     return np.where(seen[:, None, None], 4 * np.stack([xx, xy, yy], axis=-1), 0.0)
 
 
-def offset_residuals(points: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """How far each feature's offset from its prediction (k, 2) is from a smooth one, pixels (k,).
+def smooth_residuals(points: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """How far each feature's value (k, m) is from one that varies smoothly over the board (k,).
 
-    A camera that does not fit yet errs smoothly over the board: the offsets are fitted with a quadratic in
-    the board's x and y (points (k, 2 or 3)), robustly (iteratively reweighted, Cauchy weights).
+    A camera that does not fit yet errs smoothly, and so do sizes change: the values are fitted with a quadratic in the
+    board's x and y (points (k, 2 or 3)), robustly (iteratively reweighted, Cauchy weights).
     """
     centred = points[:, :2] - points[:, :2].mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
     columns = [np.ones_like(x), x, y, x * x, x * y, y * y]
     design = np.stack(columns[: 6 if len(points) >= 15 else 3 if len(points) >= 8 else 1], axis=-1)
-    weight = np.ones(len(points))
-    rest = np.hypot(*(offset - np.median(offset, axis=0)).T)
+    rest = np.linalg.norm(values - np.median(values, axis=0), axis=1)
     for _ in range(8):
-        weight = 1 / (1 + (rest / max(2 * float(np.median(rest)), 1e-3)) ** 2)
-        coefficients = np.linalg.lstsq(design * weight[:, None], offset * weight[:, None], rcond=None)[0]
-        rest = np.hypot(*(offset - design @ coefficients).T)
+        weight = 1 / (1 + (rest / max(2 * float(np.median(rest)), 1e-6)) ** 2)
+        coefficients = np.linalg.lstsq(design * weight[:, None], values * weight[:, None], rcond=None)[0]
+        rest = np.linalg.norm(values - design @ coefficients, axis=1)
     return rest
+
+
+def stays_smooth(points: np.ndarray, values: np.ndarray, usual: float | np.ndarray) -> np.ndarray:
+    """Whether each value (k, m) fits the others (k,): within ``usual``, or six times what is common among them."""
+    rest = smooth_residuals(points, values)
+    return rest < np.maximum(6 * float(np.median(rest)), usual)
