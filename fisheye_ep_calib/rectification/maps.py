@@ -18,6 +18,7 @@ from fisheye_ep_calib.rectification.view import View
 SURFACES = ("plane", "sphere")
 UNSEEN = np.float32(-1e4)  # a coordinate outside every image
 _PIXELS_AT_ONCE = 16384
+_BEYOND_THE_FIELD = 0.4  # rad
 _NODES = 5  # of the polynomial in inverse depth: right to 0.02 px with a pupil that moves 10 mm
 
 
@@ -72,6 +73,9 @@ class DepthMaps:
         self.nearest = nearest
         node = 0.5 * (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES))
         to_coefficients = np.linalg.inv(np.vander(node, increasing=True))
+        # What is at the edge of the field far away lies beyond it when near: the curve goes on, and ``at`` cuts it.
+        self._camera = camera
+        camera = replace(camera, theta_max=min(np.pi, camera.theta_max + _BEYOND_THE_FIELD))
         self._coefficients = np.empty((_NODES, 2, *view.size[::-1]), np.float32)
         for rows in _bands(view):
             points = view.points(rows) @ view.camera_from_view.T
@@ -93,8 +97,15 @@ class DepthMaps:
         for number in range(_NODES - 2, -1, -1):
             x = x * part + self._coefficients[number, 0]
             y = y * part + self._coefficients[number, 1]
-        seen = np.isfinite(x)
+        seen = np.isfinite(x) & self._in_field(x, y)
         return Maps(np.where(seen, x, UNSEEN), np.where(seen, y, UNSEEN))
+
+    def _in_field(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Whether pixels lie within the image of theta_limit; its edge is taken to be an ellipse."""
+        camera = self._camera
+        edge = float(camera.radius(camera.theta_limit))
+        across, down = (np.float32(edge * focal) for focal in (camera.fx, camera.fy))
+        return ((x - np.float32(camera.cx)) / across) ** 2 + ((y - np.float32(camera.cy)) / down) ** 2 <= 1
 
 
 def _central(camera: FisheyeCamera) -> FisheyeCamera:
