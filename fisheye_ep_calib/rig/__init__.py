@@ -1,0 +1,1 @@
+"""Cameras that see one target at the same time: where they are to each other."""
