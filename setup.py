@@ -38,7 +38,7 @@ setup(
     maintainer_email="maintainers@users.noreply.h-seed-848c94e0.example",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed", "report/templates/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -55,6 +55,7 @@ setup(
         "rosbags>=0.10.9",
         "tqdm>=4.60",
         "matplotlib>=3.6",
+        "jinja2>=3.0",
         f"calib-targets>=0.15,<0.16; {HAS_CALIB_TARGETS}",
     ],
     extras_require={"ros": ROS, "test": TEST},

@@ -16,6 +16,7 @@ COMMANDS = {
     "calibrate": "calibrate cameras from bags, image folders or observation files",
     "evaluate": "measure a camera file on other images, the camera frozen",
     "detect": "find the target in images and show what was found",
+    "compare": "how two camera files differ in pixels, against their uncertainties",
     "show": "print a camera file: intrinsics, entrance pupil, what is known about them",
     "rectify": "images without the fisheye's distortion, the pupil's shift corrected for a distance",
     "simulate": "write images of a known camera as a bag",

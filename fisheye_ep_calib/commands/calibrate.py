@@ -10,6 +10,7 @@ from pathlib import Path
 from fisheye_ep_calib.calibration import CalibrationResult, calibrate
 from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.collector import Guide
+from fisheye_ep_calib.commands.reporting import CalibrationReports
 from fisheye_ep_calib.commands.sources import CameraSource, add_source_arguments, camera_sources
 from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
 from fisheye_ep_calib.errors import CalibrationError, InputError
@@ -18,7 +19,8 @@ from fisheye_ep_calib.storage.observation_file import save_observations
 
 DESCRIPTION = (
     "Calibrate one or several cameras and write a camera file for each, CALIBRATION/NAME.yaml, and what was seen,\n"
-    "CALIBRATION/observations/NAME.npz, from which the calibration can be repeated without the images."
+    "CALIBRATION/observations/NAME.npz, from which the calibration can be repeated without the images;\n"
+    "CALIBRATION/report.html shows it all to a person, CALIBRATION/calibration.json to a program."
 )
 EPILOG = """examples:
   fisheye_ep_calib calibrate recording.mcap --target board.yaml
@@ -44,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"folder for the results (default: {DEFAULT_OUTPUT}, numbered where it is taken)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace earlier results in DIR")
+    parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     parser.add_argument(
         "--passes", type=int, choices=(1, 2), default=2, help="2 looks again where the first fit expects the target"
@@ -82,13 +85,17 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--svp-distance must be positive")
     output = _free_folder(arguments.output)
     reports, failures = {}, []
-    with camera_sources(arguments) as (cameras, look_again):
+    with (
+        camera_sources(arguments) as (cameras, look_again),
+        CalibrationReports(output, cameras, arguments) as collected,
+    ):
         _refuse_overwriting(output, cameras, arguments.overwrite)
         for camera in cameras:
             try:
                 camera, result, seconds = _calibrate(camera, look_again, arguments)
                 path = _save(output, camera, result)
                 reports[camera.name] = calibration_json(camera, result, seconds, path)
+                collected.add(camera, result, reports[camera.name])
                 print(calibration_text(camera, result, path), file=sys.stderr if arguments.json else sys.stdout)
                 if not result.converged:
                     raise CalibrationError(f"the fit did not converge; its best state is in {path}")

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from fisheye_ep_calib.calibration.evaluation import Evaluation, evaluate_camera
+from fisheye_ep_calib.commands.reporting import refuse_existing, write_evaluation_report
 from fisheye_ep_calib.commands.sources import add_source_arguments, camera_sources
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.camera_file import read_camera_file
@@ -23,18 +24,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_source_arguments(parser, many=False)
     parser.add_argument("--board-warp", action="store_true", help="bend the target as the camera file says it is bent")
     parser.add_argument("--disc-centers", default="unbiased", choices=("unbiased", "naive"), help=argparse.SUPPRESS)
+    parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page with figures too")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier report")
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
 
 
 def run(arguments: argparse.Namespace) -> int:
+    refuse_existing([arguments.report], arguments.overwrite)
     file = read_camera_file(arguments.camera)
     with camera_sources(arguments) as (cameras, _):
         if len(cameras) != 1:
             raise InputError("one camera at a time: give one --topic")
         observations = cameras[0].observations
-    found = evaluate_camera(
-        file.camera, observations, file.board_warp if arguments.board_warp else None, arguments.disc_centers
-    )
+        warp = file.board_warp if arguments.board_warp else None
+        found = evaluate_camera(file.camera, observations, warp, arguments.disc_centers)
+        if arguments.report is not None:
+            write_evaluation_report(cameras[0], file, found, arguments)
     names = observations.image_names
     failed = {names[image]: reason for image, reason in found.failed.items()}
     for name, reason in failed.items():

@@ -29,7 +29,8 @@ class CameraSource:
     """One camera's observations and where they came from.
 
     found: the observations, or why there are none. seconds: spent in "read" and "detect". unused_views: image name →
-    why it is no view. run: None for an observation file.
+    why it is no view. run: None for an observation file. image: reads the image of that number, grey (h, w), while
+    the sources are open.
     """
 
     name: str
@@ -38,6 +39,7 @@ class CameraSource:
     seconds: dict[str, float] = field(default_factory=lambda: {"read": 0.0, "detect": 0.0})
     unused_views: dict[str, str] = field(default_factory=dict)
     run: DetectionRun | None = None
+    image: Callable[[int], np.ndarray] | None = None
 
     @property
     def observations(self) -> Observations:
@@ -110,18 +112,29 @@ def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraS
     source = ", ".join(map(str, paths))
     with looking(arguments) as place:
         runs = place.collector.collect(tuple(place.topics.values()), place.choice)
-        cameras = [from_run(name, runs[topic], place.target, source) for name, topic in place.topics.items()]
+        cameras = [
+            _with_images(from_run(name, runs[topic], place.target, source), place.recording)
+            for name, topic in place.topics.items()
+        ]
         cameras = [replace(one, seconds={**one.seconds, "read": one.seconds["read"] + place.opened}) for one in cameras]
 
         def look_again(guides):
             refined = place.collector.refine(guides)
             return {
-                name: from_run(name, refined[topic], place.target, source)
+                name: _with_images(from_run(name, refined[topic], place.target, source), place.recording)
                 for name, topic in place.topics.items()
                 if topic in refined
             }
 
         yield cameras, look_again
+
+
+def _with_images(camera: CameraSource, recording: Recording) -> CameraSource:
+    """The camera's source with its images at hand."""
+    run = camera.run
+    if run is None:
+        return camera
+    return replace(camera, image=lambda number: recording.frame(run.topic, run.views[number].index).image())
 
 
 def _from_file(path: Path, split: str | None) -> CameraSource:

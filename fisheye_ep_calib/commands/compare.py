@@ -1,0 +1,155 @@
+"""fisheye_ep_calib compare: how two calibrations of a camera differ in pixels."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.camera_difference import ALIGNMENTS, CameraDifference, camera_difference
+from fisheye_ep_calib.commands.reporting import refuse_existing
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.report.comparison import (
+    DistanceSummary,
+    agreement,
+    alignment_text,
+    summaries,
+    write_comparison,
+)
+from fisheye_ep_calib.report.models import angles, by_ring, pupil_curve
+from fisheye_ep_calib.report.record import now, versions
+from fisheye_ep_calib.report.verdict import distance_text
+from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+
+DESCRIPTION = (
+    "Compare two camera files: the points that A sees in its pixels are projected by B, at several distances, after B\n"
+    "was turned to agree best, and the difference is set against what the uncertainties of both lead to expect.\n"
+    "The calibrations are taken as independent of each other."
+)
+EPILOG = """example:
+  fisheye_ep_calib compare monday/front.yaml tuesday/front.yaml --distance 0.1 1 inf --report difference.html
+"""
+DISTANCES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("first", type=Path, metavar="A.yaml")
+    parser.add_argument("second", type=Path, metavar="B.yaml")
+    parser.add_argument(
+        "--distance",
+        type=float,
+        nargs="+",
+        default=list(DISTANCES),
+        metavar="METRES",
+        help="distances of the points from A's origin, inf too (default: 0.1 0.3 1 10 inf)",
+    )
+    parser.add_argument(
+        "--align",
+        choices=ALIGNMENTS,
+        default="rotation",
+        help="what is no property of a camera: its orientation (default); rigid adds the origin of its frame, which "
+        "extrinsics made with the same file take up",
+    )
+    parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page with figures too")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier report")
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if any(not distance > 0 for distance in arguments.distance):
+        raise InputError("--distance takes positive lengths in metres, or inf")
+    refuse_existing([arguments.report], arguments.overwrite)
+    files = read_camera_file(arguments.first), read_camera_file(arguments.second)
+    known = tuple(file.covariance if file.covariance.any() else None for file in files)
+    distances = sorted(dict.fromkeys(arguments.distance))
+    found = camera_difference(files[0].camera, files[1].camera, distances, (known[0], known[1]), arguments.align)
+    if not np.isfinite(found.length_px).any():
+        raise InputError("the two cameras share no part of the field at these distances")
+    rows = summaries(found)
+    if arguments.report is not None:
+        names = f"{files[0].name} ({arguments.first})", f"{files[1].name} ({arguments.second})"
+        size = files[0].camera.image_size
+        write_comparison(arguments.report, names, found, arguments.align, _curves(files), size, _inputs(arguments))
+    if arguments.json:
+        print(json.dumps(_json(arguments, found, rows), ensure_ascii=False, allow_nan=False))
+        return 0
+    print(_text(arguments, found, rows))
+    return 0
+
+
+def _curves(files: tuple[CameraFile, CameraFile]):
+    return tuple(
+        pupil_curve(f"{label}: {file.camera.model}", file.camera, file.covariance, angles(file.camera), label == "A")
+        for label, file in zip("AB", files, strict=True)
+    )
+
+
+def _inputs(arguments: argparse.Namespace) -> dict[str, str]:
+    return {"A": str(arguments.first), "B": str(arguments.second), "written": now(), **versions()}
+
+
+def _text(arguments, found: CameraDifference, rows: tuple[DistanceSummary, ...]) -> str:
+    lines = [
+        f"A {arguments.first}, B {arguments.second}: B minus A over the field up to "
+        f"{np.degrees(found.theta.max()):.0f}°",
+        alignment_text(found, arguments.align),
+        f"  {'distance':>10}{'RMS px':>10}{'median':>9}{'95 %':>9}{'largest':>9}{'expected':>10}",
+    ]
+    for row in rows:
+        mark = "  !" if row.beyond_noise and any(found.known) else ""
+        lines.append(
+            f"  {distance_text(row.distance_m):>10}{row.rms_px:>10.4f}{row.median_px:>9.4f}{row.p95_px:>9.4f}"
+            f"{row.largest_px:>9.4f}{_expected(found, row.expected_px):>10}{mark}"
+        )
+    theta, difference, expected = by_ring(found)
+    lines.append("  RMS px (expected) by angle:")
+    lines.append(f"  {'θ':>5} " + "".join(f"{distance_text(one):>18}" for one in found.distance_m))
+    for ring, degrees in enumerate(theta):
+        pairs = zip(difference[:, ring], expected[:, ring], strict=True)
+        cells = (f"{one:.3f} ({_expected(found, noise)})" for one, noise in pairs)
+        lines.append(f"  {degrees:>4.0f}° " + "".join(f"{cell:>18}" for cell in cells))
+    lines.append(agreement(found, rows)[1])
+    if arguments.report is not None:
+        lines.append(f"wrote {arguments.report}")
+    return "\n".join(lines)
+
+
+def _expected(found: CameraDifference, value: float) -> str:
+    return f"{value:.3f}" if any(found.known) else "–"
+
+
+def _json(arguments, found: CameraDifference, rows: tuple[DistanceSummary, ...]) -> dict:
+    theta, difference, expected = by_ring(found)
+    agree, sentence = agreement(found, rows)
+    known = any(found.known)
+    return {
+        "first": str(arguments.first),
+        "second": str(arguments.second),
+        "alignment": arguments.align,
+        "rotation_rad": found.rotation.tolist(),
+        "shift_m": found.shift.tolist(),
+        "theta_max_deg": float(np.degrees(found.theta.max())),
+        "agree": agree,
+        "verdict": sentence,
+        "theta_deg": theta.tolist(),
+        "distances": [
+            {
+                "distance_m": row.distance_m if np.isfinite(row.distance_m) else "inf",
+                "rms_px": _number(row.rms_px),
+                "median_px": _number(row.median_px),
+                "p95_px": _number(row.p95_px),
+                "max_px": _number(row.largest_px),
+                "expected_rms_px": _number(row.expected_px) if known else None,
+                "rms_by_theta_px": [_number(value) for value in difference[index]],
+                "expected_rms_by_theta_px": [_number(value) for value in expected[index]] if known else None,
+            }
+            for index, row in enumerate(rows)
+        ],
+        "report": None if arguments.report is None else str(arguments.report),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

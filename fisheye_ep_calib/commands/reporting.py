@@ -1,0 +1,124 @@
+"""Reports beside the results of the commands calibrate and evaluate."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from fisheye_ep_calib.calibration import CalibrationResult
+from fisheye_ep_calib.calibration.evaluation import Evaluation
+from fisheye_ep_calib.commands.sources import CameraSource
+from fisheye_ep_calib.commands.summary import verdict
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.report.data import CameraReport
+from fisheye_ep_calib.report.pictures import BUDGET
+from fisheye_ep_calib.report.record import now, per_view, versions, write_record
+from fisheye_ep_calib.storage.camera_file import CameraFile
+
+PAGE, RECORD = "report.html", "calibration.json"
+
+
+def refuse_existing(paths: Sequence[Path | None], overwrite: bool) -> None:
+    """Nothing is replaced silently."""
+    for path in paths:
+        if path is not None and path.exists() and not overwrite:
+            raise InputError(f"{path} is there already; give another place, or --overwrite")
+
+
+class CalibrationReports:
+    """Collects the cameras of one ``calibrate`` and writes report.html and calibration.json when it is left.
+
+    What was collected is written after a CalibrationError too: the other cameras' results are there.
+    """
+
+    def __init__(self, folder: Path, cameras: Sequence[CameraSource], arguments: argparse.Namespace) -> None:
+        self._folder, self._cameras, self._arguments = folder, cameras, arguments
+        self._pages: list[CameraReport] = []
+        self._records: dict[str, dict] = {}
+
+    def __enter__(self) -> CalibrationReports:
+        pages = [] if self._arguments.no_report else [self._folder / PAGE]
+        refuse_existing([*pages, self._folder / RECORD], self._arguments.overwrite)
+        return self
+
+    def add(self, camera: CameraSource, result: CalibrationResult, content: dict) -> None:
+        """content: what ``--json`` says of the camera. Its images are read now, while they are open."""
+        from fisheye_ep_calib.report.from_calibration import calibration_report, calibration_views
+
+        inputs = _inputs(camera, self._arguments)
+        views = calibration_views(camera.observations, result)
+        self._records[camera.name] = {**content, "inputs": inputs, "per_view": per_view(views)}
+        if self._arguments.no_report:
+            return
+        page = calibration_report(
+            camera.name,
+            camera.observations,
+            result,
+            verdict(result),
+            inputs=_words(inputs) | {"written": now()} | versions(),
+            unused=camera.unused_views,
+            image=camera.image,
+            picture_budget=BUDGET // max(len(self._cameras), 1),
+        )
+        self._pages.append(page)
+
+    def __exit__(self, kind, error, _) -> None:
+        if not self._records or (error is not None and not isinstance(error, CalibrationError)):
+            return
+        write_record(self._folder / RECORD, self._records, _options(self._arguments))
+        if self._arguments.no_report:
+            return
+        from fisheye_ep_calib.report.html import write_report
+
+        write_report(self._folder / PAGE, self._pages)
+        print(f"wrote {self._folder / PAGE}", file=sys.stderr if self._arguments.json else sys.stdout)
+
+
+def write_evaluation_report(
+    camera: CameraSource, file: CameraFile, found: Evaluation, arguments: argparse.Namespace
+) -> None:
+    """The page of ``evaluate --report``. The camera's images are read now, while they are open."""
+    from fisheye_ep_calib.report.from_evaluation import evaluation_report
+    from fisheye_ep_calib.report.html import write_report
+
+    inputs = {
+        "camera file": str(arguments.camera),
+        **_words(_inputs(camera, arguments)),
+        "target's bow": "as in the camera file" if arguments.board_warp else "taken as flat",
+        **{f"calibration: {key}": str(value) for key, value in file.calibration.items()},
+        "written": now(),
+        **versions(),
+    }
+    page = evaluation_report(file.name, file, camera.observations, found, inputs=inputs, image=camera.image)
+    write_report(arguments.report, [page], f"{file.name} measured on {camera.source}")
+    print(f"wrote {arguments.report}", file=sys.stderr if arguments.json else sys.stdout)
+
+
+def _inputs(camera: CameraSource, arguments: argparse.Namespace) -> dict:
+    """Where a camera's observations came from."""
+    inputs: dict = {"source": camera.source, "image_size": list(camera.observations.image_size)}
+    if arguments.target is not None:
+        inputs["target"] = str(arguments.target)
+    if camera.run is not None:
+        inputs["topic"] = camera.run.topic
+        inputs["images_available"] = camera.run.available
+        inputs["images_looked_at"] = len(camera.run.frames)
+        inputs["images_unreadable"] = camera.run.bad_frames
+    inputs["images_with_target"] = camera.observations.view_count
+    inputs["points_found"] = len(camera.observations.pixels)
+    return inputs
+
+
+def _words(inputs: dict) -> dict[str, str]:
+    return {
+        key.replace("_", " "): " × ".join(map(str, value)) if isinstance(value, list) else str(value)
+        for key, value in inputs.items()
+    }
+
+
+def _options(arguments: argparse.Namespace) -> dict:
+    """The command's options as they were understood."""
+    given = {name: value for name, value in sorted(vars(arguments).items()) if name not in ("run", "command")}
+    return {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}

@@ -1,0 +1,183 @@
+"""What a report shows, as plain data: whoever has a camera to report on fills these in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.diagnosis import Finding
+
+GOOD, CAUTION, BAD = "good", "caution", "bad"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """level: GOOD, CAUTION or BAD. headline: the answer. sentences: why. next_steps: what to record next."""
+
+    level: str
+    headline: str
+    sentences: tuple[str, ...]
+    next_steps: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ModelCurve:
+    """A model's E(θ), metres, with its 1σ, at theta (n,) rad, and how it fits; NaN where that is unknown."""
+
+    name: str
+    theta: np.ndarray
+    pupil: np.ndarray
+    pupil_sigma: np.ndarray
+    chosen: bool
+    parameters: int = 0
+    rms_px: float = float("nan")
+    cross_validated_rms_px: float = float("nan")
+
+
+@dataclass(frozen=True)
+class LensCurve:
+    """fx r(θ) and its 1σ, px, at theta (n,) rad."""
+
+    theta: np.ndarray
+    radius_px: np.ndarray
+    sigma_px: np.ndarray
+    focal_px: float
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of the camera; sigma NaN where it was not estimated."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """The sightings used, M of them. pixels, error (M, 2): measured, and predicted minus measured.
+
+    theta, azimuth (M,): rad. distance (M,): metres from the camera. view (M,): row of ``CameraReport.views``.
+    """
+
+    pixels: np.ndarray
+    error: np.ndarray
+    theta: np.ndarray
+    azimuth: np.ndarray
+    distance: np.ndarray
+    view: np.ndarray
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """counts, reachable (rings, sectors): sightings, and whether the image shows that direction.
+
+    Sector k spans 360°/sectors around azimuth k · 360°/sectors; ring k from k · ring_degrees on.
+    """
+
+    counts: np.ndarray
+    reachable: np.ndarray
+    ring_degrees: float
+
+
+@dataclass(frozen=True)
+class UncertaintyMap:
+    """1σ in px per axis, sigma_px (rows, columns), over the image, for points at a distance in metres."""
+
+    distance_m: float
+    sigma_px: np.ndarray
+
+
+@dataclass(frozen=True)
+class UncertaintyTable:
+    """1σ in px per axis: sigma_px (angles, distances)."""
+
+    theta_deg: np.ndarray
+    distance_m: np.ndarray
+    sigma_px: np.ndarray
+
+
+@dataclass(frozen=True)
+class NearFar:
+    """Fits to the nearer and the farther half of the views, compared at infinity by angle, px RMS a ring.
+
+    near_m, far_m: median distances of the halves.
+    """
+
+    near_m: float
+    far_m: float
+    theta_deg: np.ndarray
+    difference_px: np.ndarray
+    expected_px: np.ndarray
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A view's image: JPEG of at most the image's size. size: (width, height) of the image itself, px."""
+
+    jpeg: bytes
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class View:
+    """distance_m: median of its points. theta_max: rad, the largest angle seen. worst_px: its largest residual."""
+
+    name: str
+    points: int
+    rms_px: float
+    worst_px: float
+    distance_m: float
+    theta_max: float
+    rejected: int = 0
+    picture: Picture | None = None
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A sighting that was left out. pixel: where it was measured. residual: predicted minus measured, px."""
+
+    view: str
+    point: int
+    pixel: tuple[float, float]
+    residual: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class StandInLoss:
+    """distance_m: for which the stand-in was fitted. loss_px: RMS that it loses, by distance in metres."""
+
+    distance_m: float
+    loss_px: dict[float, float]
+
+
+@dataclass(frozen=True)
+class CameraReport:
+    """One camera of a report. kind: "calibration" or "evaluation".
+
+    unused: name of an image that is no view → why. facts: label → value, the figures at the head.
+    inputs: label → value, where everything came from. reasons: how the model was chosen, a line each.
+    """
+
+    name: str
+    kind: str
+    image_size: tuple[int, int]
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    facts: dict[str, str]
+    models: tuple[ModelCurve, ...]
+    lens: LensCurve
+    parameters: tuple[Parameter, ...]
+    residuals: Residuals
+    coverage: Coverage
+    views: tuple[View, ...]
+    uncertainty_maps: tuple[UncertaintyMap, ...] = ()
+    uncertainty_table: UncertaintyTable | None = None
+    near_far: NearFar | None = None
+    stand_in: StandInLoss | None = None
+    rejected: tuple[Rejected, ...] = ()
+    unused: dict[str, str] = field(default_factory=dict)
+    reasons: tuple[str, ...] = ()
+    inputs: dict[str, str] = field(default_factory=dict)

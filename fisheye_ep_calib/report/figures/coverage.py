@@ -1,0 +1,103 @@
+"""Figures of what was recorded: coverage by angle, azimuth and distance, and what is left uncertain."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.colors import ListedColormap, LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from fisheye_ep_calib.report.data import Coverage, Residuals, UncertaintyMap
+from fisheye_ep_calib.report.figures.style import FAINT, MAP, PAPER, SERIES, image_axes, svg
+
+_BINS = (24, 20)
+_LEVELS = 8
+
+
+def coverage_figure(coverage: Coverage, identity: str) -> str:
+    """Sightings by θ (outward) and azimuth (as in the image, y down); red cells the image shows and nobody filled."""
+    rings, sectors = coverage.counts.shape
+    half = np.pi / sectors
+    azimuth = np.linspace(-half, 2 * np.pi - half, sectors + 1)
+    radius = coverage.ring_degrees * np.arange(rings + 1)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot(projection="polar")
+        axes.set_theta_direction(-1)
+        axes.grid(False)
+        counts = np.ma.masked_equal(coverage.counts, 0)
+        mesh = axes.pcolormesh(azimuth, radius, counts, cmap=MAP, norm=_count_norm(counts), rasterized=True)
+        missing = np.ma.masked_equal((coverage.reachable & (coverage.counts == 0)).astype(float), 0)
+        if missing.count():
+            axes.pcolormesh(azimuth, radius, missing, cmap=_one_color(SERIES[4]), vmin=0, vmax=1, rasterized=True)
+        axes.grid(True, color=FAINT, lw=0.5)
+        axes.spines["polar"].set_color(FAINT)
+        step = 30 if rings * coverage.ring_degrees > 45 else 15
+        ticks = np.arange(step, radius[-1] + 1e-9, step)
+        axes.set_rticks(ticks, [])
+        for tick in ticks:
+            box = {"boxstyle": "round,pad=0.15", "facecolor": PAPER, "alpha": 0.75, "edgecolor": "none"}
+            axes.text(np.radians(30), tick, f"{tick:.0f}°", ha="center", va="center", fontsize=8.5, bbox=box)
+        axes.set_xticks(np.radians([0, 90, 180, 270]), ["right", "below", "left", "above"])
+        _count_bar(figure, mesh, axes)
+
+    return svg(draw, identity, (4.6, 3.6))
+
+
+def distance_figure(residuals: Residuals, identity: str) -> str:
+    """Sightings by θ and distance."""
+    degrees, distance = np.degrees(residuals.theta), residuals.distance
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        wide = distance.max() > 4 * distance.min()
+        low, high = distance.min() * 0.98, distance.max() * 1.02
+        rows = (np.geomspace if wide else np.linspace)(low, high, _BINS[1] + 1)
+        columns = np.linspace(0, degrees.max() * (1 + 1e-9), _BINS[0] + 1)
+        counts = np.histogram2d(degrees, distance, (columns, rows))[0].T
+        counts = np.ma.masked_equal(counts, 0)
+        mesh = axes.pcolormesh(columns, rows, counts, cmap=MAP, norm=_count_norm(counts), rasterized=True)
+        if wide:
+            axes.set_yscale("log")
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+        axes.set(xlabel="θ, degrees", ylabel="distance, m", xlim=(0, columns[-1]), ylim=(low, high))
+        _count_bar(figure, mesh, axes)
+
+    return svg(draw, identity)
+
+
+def uncertainty_figure(found: UncertaintyMap, size: tuple[int, int], identity: str) -> str:
+    """1σ in px over the image, for points at one distance."""
+    width, height = size
+    sigma = np.ma.masked_invalid(found.sigma_px)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        highest = float(np.quantile(sigma.compressed(), 0.98)) if sigma.count() else 1.0
+        u, v = (np.linspace(0, side - 1, count) for side, count in zip(size, sigma.shape[::-1], strict=True))
+        levels = MaxNLocator(_LEVELS).tick_values(0, max(highest, 1e-6))
+        drawn = axes.contourf(u, v, sigma, levels=levels, cmap=MAP, extend="max")
+        bar = figure.colorbar(drawn, ax=axes, shrink=0.85)
+        bar.set_label("1σ, px per axis")
+        bar.outline.set_visible(False)
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2g}"))
+        image_axes(axes, size)
+
+    return svg(draw, identity, (4.6, 0.6 + 3.4 * height / width))
+
+
+def _count_norm(counts: np.ma.MaskedArray):
+    return LogNorm(1, max(float(counts.max()), 2.0))
+
+
+def _count_bar(figure: Figure, mesh, axes) -> None:
+    bar = figure.colorbar(mesh, ax=axes, shrink=0.85)
+    bar.set_label("points")
+    bar.outline.set_visible(False)
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    bar.ax.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+
+
+def _one_color(color: str):
+    return ListedColormap([color])

@@ -1,0 +1,131 @@
+"""A calibration's result as what a report shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fisheye_ep_calib.calibration import CalibrationResult, Observations
+from fisheye_ep_calib.calibration.camera_difference import points_over_image
+from fisheye_ep_calib.calibration.uncertainty import projection_uncertainty
+from fisheye_ep_calib.report.data import (
+    CameraReport,
+    Rejected,
+    Residuals,
+    StandInLoss,
+    UncertaintyMap,
+    UncertaintyTable,
+    View,
+)
+from fisheye_ep_calib.report.geometry import coverage_of, residuals_of, views_of
+from fisheye_ep_calib.report.models import compared_models, lens_curve, near_far, parameters_of
+from fisheye_ep_calib.report.pictures import BUDGET, with_pictures
+from fisheye_ep_calib.report.verdict import calibration_verdict
+
+_MAP_COLUMNS = 72
+
+
+def calibration_report(
+    name: str,
+    observations: Observations,
+    result: CalibrationResult,
+    pupil_sentence: str,
+    *,
+    inputs: dict[str, str] | None = None,
+    unused: dict[str, str] | None = None,
+    image: Callable[[int], np.ndarray] | None = None,
+    picture_budget: int = BUDGET,
+) -> CameraReport:
+    """observations: what was calibrated. pupil_sentence: whether a pupil is supported. image: of an image's number."""
+    rejected = _rejected(observations, result)
+    residuals = calibration_residuals(result)
+    views = calibration_views(observations, result)
+    if image is not None:
+        views = with_pictures(views, result.view_images.tolist(), image, picture_budget)
+    table = result.projection_table
+    return CameraReport(
+        name=name,
+        kind="calibration",
+        image_size=result.camera.image_size,
+        verdict=calibration_verdict(result, pupil_sentence),
+        findings=result.diagnosis.findings,
+        facts=_facts(result),
+        models=compared_models(result),
+        lens=lens_curve(result.camera, result.uncertainty.covariance),
+        parameters=parameters_of(result.camera, result.uncertainty.covariance),
+        residuals=residuals,
+        coverage=coverage_of(residuals, result.camera),
+        views=views,
+        uncertainty_maps=_uncertainty_maps(result, float(np.median(residuals.distance))),
+        uncertainty_table=UncertaintyTable(table.theta_deg, table.distance_m, table.sigma_px),
+        near_far=near_far(result, residuals),
+        stand_in=StandInLoss(result.stand_in.distance, dict(result.stand_in.loss_px)),
+        rejected=rejected,
+        unused={
+            **(unused or {}),
+            **{
+                observations.image_names[view]: "most of its points disagree with every other view"
+                for view in result.wrong_views
+            },
+        },
+        reasons=result.reasons,
+        inputs=inputs or {},
+    )
+
+
+def calibration_residuals(result: CalibrationResult) -> Residuals:
+    """The sightings that the chosen fit used."""
+    error, theta, valid = result.fit.residuals
+    sightings = result.fit.sightings
+    used = valid & (sightings.observations.weights > 0) & np.isin(sightings.observations.image_index, sightings.images)
+    return residuals_of(sightings.observations, sightings.images, result.camera_from_target, error, theta, used)
+
+
+def calibration_views(observations: Observations, result: CalibrationResult) -> tuple[View, ...]:
+    """The views that the chosen fit used, without pictures."""
+    names = [observations.image_names[number] for number in result.view_images]
+    return views_of(names, calibration_residuals(result), _rejected(observations, result))
+
+
+def _rejected(observations: Observations, result: CalibrationResult) -> tuple[Rejected, ...]:
+    """The sightings left out, the worst first."""
+    row = {
+        (int(image), int(point)): index
+        for index, (image, point) in enumerate(zip(observations.image_index, observations.point_index, strict=True))
+    }
+    found = []
+    for one in sorted(result.rejected, key=lambda one: -np.hypot(*one.residual)):
+        u, v = observations.pixels[row[one.view, one.point]]
+        found.append(Rejected(observations.image_names[one.view], one.point, (float(u), float(v)), one.residual))
+    return tuple(found)
+
+
+def _facts(result: CalibrationResult) -> dict[str, str]:
+    chosen = result.comparison.get(result.model)
+    facts = {
+        "model": result.model,
+        "RMS": f"{result.rms_px:.3f} px",
+        "on views left out": f"{chosen.cross_validated_rms_px:.3f} px" if chosen else "–",
+        "views": f"{result.views}",
+        "points": f"{result.points}",
+        "field seen": f"{np.degrees(result.camera.theta_max):.0f}° off the axis",
+    }
+    if np.any(result.board_warp):
+        facts["target's bow"] = ", ".join(f"{1e3 * value:+.2f}" for value in result.board_warp) + " mm"
+    return facts
+
+
+def _uncertainty_maps(result: CalibrationResult, recorded: float) -> tuple[UncertaintyMap, ...]:
+    """At the distance that was recorded and at infinity."""
+    width, height = result.camera.image_size
+    maps = []
+    for distance in (recorded, np.inf):
+        pixels, _, points, seen = points_over_image(result.camera, (distance,), _MAP_COLUMNS)
+        sigma = projection_uncertainty(result.camera, result.uncertainty, result.fit.problem.free, points[0])
+        column = np.round(pixels[:, 0] / max(width - 1, 1) * (_MAP_COLUMNS - 1)).astype(int)
+        row = np.round(pixels[:, 1] / max(height - 1, 1) * (_MAP_COLUMNS - 1)).astype(int)
+        image = np.full((_MAP_COLUMNS, _MAP_COLUMNS), np.nan)
+        image[row, column] = np.where(seen[0], sigma, np.nan)
+        maps.append(UncertaintyMap(float(distance), image))
+    return tuple(maps)

@@ -1,0 +1,156 @@
+"""The figures of one camera in the order of the page, each with its title and how to read it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fisheye_ep_calib.report.data import CameraReport
+from fisheye_ep_calib.report.figures.coverage import coverage_figure, distance_figure, uncertainty_figure
+from fisheye_ep_calib.report.figures.curves import lens_figure, near_far_figure, pupil_figure, stand_in_figure
+from fisheye_ep_calib.report.figures.residuals import (
+    residual_vectors_figure,
+    residuals_by_angle_figure,
+    residuals_by_distance_figure,
+)
+from fisheye_ep_calib.report.verdict import distance_text
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A figure of the page. identity: its anchor, unique in the page. caption: how to read it."""
+
+    identity: str
+    title: str
+    svg: str
+    caption: str
+
+
+def panels_of(camera: CameraReport, prefix: str) -> dict[str, tuple[Panel, ...]]:
+    """Section → its panels. prefix: unique to the camera, made of letters, digits and -."""
+    sections = {
+        "The camera": _camera_panels(camera, prefix),
+        "Residuals": _residual_panels(camera, prefix),
+        "What was recorded": _coverage_panels(camera, prefix),
+        "What is left uncertain": _uncertainty_panels(camera, prefix),
+    }
+    return {title: panels for title, panels in sections.items() if panels}
+
+
+def _camera_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
+    identity = f"{prefix}-pupil"
+    several = len(camera.models) > 1
+    panels = [
+        Panel(
+            identity,
+            "Entrance pupil E(θ)",
+            pupil_figure(camera.models, identity),
+            "How far the pupil moves along the axis by the angle of incidence, with its 1σ band"
+            + (", for every model that was compared. Where the bands overlap, the models agree." if several else "."),
+        )
+    ]
+    identity = f"{prefix}-lens"
+    panels.append(
+        Panel(
+            identity,
+            "Lens r(θ) against the equidistant",
+            lens_figure(camera.lens, identity),
+            "What the lens departs from r = f θ, in pixels. Its 1σ band is at most "
+            f"{camera.lens.sigma_px.max():.2g} px.",
+        )
+    )
+    if camera.stand_in is not None:
+        identity = f"{prefix}-stand-in"
+        drawn = stand_in_figure(camera.stand_in, identity)
+        if drawn is not None:
+            panels.append(
+                Panel(
+                    identity,
+                    "What a single viewpoint loses",
+                    drawn,
+                    "RMS error of a consumer that reads only the plain CameraInfo, which is best at "
+                    f"{distance_text(camera.stand_in.distance_m)}.",
+                )
+            )
+    return tuple(panels)
+
+
+def _residual_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
+    identity = f"{prefix}-vectors"
+    drawn, factor, mean_factor = residual_vectors_figure(camera.residuals, camera.rejected, camera.image_size, identity)
+    crosses = " Crosses are rejected points." if camera.rejected else ""
+    return (
+        Panel(
+            identity,
+            "Over the image",
+            drawn,
+            f"Every residual, {factor:g} times its size, and in orange the mean of each cell, {mean_factor:g} times. "
+            f"Noise points everywhere; arrows that agree with their neighbours are an error of the model.{crosses}",
+        ),
+        Panel(
+            f"{prefix}-by-angle",
+            "Against the angle θ",
+            residuals_by_angle_figure(camera.residuals, f"{prefix}-by-angle"),
+            "Dots: radial parts. A mean that leaves zero by more than its bar shows a lens the model does not follow.",
+        ),
+        Panel(
+            f"{prefix}-by-distance",
+            "Against the distance",
+            residuals_by_distance_figure(camera.residuals, f"{prefix}-by-distance"),
+            "Dots: lengths of residuals. An RMS that rises toward the near end tells of an entrance pupil that is "
+            "missing or wrong, or of blur.",
+        ),
+    )
+
+
+def _coverage_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
+    missing = int((camera.coverage.reachable & (camera.coverage.counts == 0)).sum())
+    cell = f"{camera.coverage.ring_degrees:g}° × {360 / camera.coverage.counts.shape[1]:g}°"
+    gaps = "No cell is empty."
+    if missing:
+        gaps = f"Red: {missing} cells of {cell} that the image shows and no view filled."
+    return (
+        Panel(
+            f"{prefix}-coverage",
+            "Coverage by angle and azimuth",
+            coverage_figure(camera.coverage, f"{prefix}-coverage"),
+            f"Points by direction as seen in the image, the axis in the middle. {gaps}",
+        ),
+        Panel(
+            f"{prefix}-depth",
+            "Coverage by angle and distance",
+            distance_figure(camera.residuals, f"{prefix}-depth"),
+            "The pupil is told from the lens where a column at a large angle is filled over a wide range of distances.",
+        ),
+    )
+
+
+def _uncertainty_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
+    panels = []
+    for number, one in enumerate(camera.uncertainty_maps):
+        identity = f"{prefix}-uncertainty-{number}"
+        where = distance_text(one.distance_m)
+        largest = f"; at most {np.nanmax(one.sigma_px):.2g} px" if np.isfinite(one.sigma_px).any() else ""
+        panels.append(
+            Panel(
+                identity,
+                f"Projection uncertainty at {where}",
+                uncertainty_figure(one, camera.image_size, identity),
+                f"Where noise alone may have moved a projected point, 1σ per axis{largest}. "
+                "It knows nothing of errors of the model.",
+            )
+        )
+    if camera.near_far is not None:
+        identity = f"{prefix}-near-far"
+        panels.append(
+            Panel(
+                identity,
+                "Near against far",
+                near_far_figure(camera.near_far, identity),
+                f"The nearer half of the views ({camera.near_far.near_m:.3f} m) and the farther half "
+                f"({camera.near_far.far_m:.3f} m), each fitted alone and compared at infinity after the best rotation. "
+                "A line far above the band is an error that the residuals hide.",
+            )
+        )
+    return tuple(panels)

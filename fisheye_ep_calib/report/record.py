@@ -1,0 +1,77 @@
+"""calibration.json: what ``calibrate --json`` prints, with inputs, versions and every view's residuals.
+
+``docs/calibration_json.md`` documents the schema.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import math
+import platform
+from importlib import metadata
+from os import PathLike
+
+from fisheye_ep_calib.report.data import View
+from fisheye_ep_calib.storage.atomic import atomic_write
+
+SCHEMA = 1
+_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "opencv-python", "calib-targets", "rosbags", "mcap")
+
+
+def versions() -> dict[str, str]:
+    """What the result was made with: this program, Python and the libraries that it counts on."""
+    found = {"fisheye_ep_calib": _version("fisheye_ep_calib") or "(not installed)", "python": platform.python_version()}
+    return found | {name: version for name in _LIBRARIES if (version := _version(name))}
+
+
+def now() -> str:
+    """The time in UTC, to the second."""
+    return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
+
+
+def per_view(views: tuple[View, ...]) -> list[dict]:
+    """One object a view, in the order of the recording."""
+    return [
+        {
+            "name": view.name,
+            "points": view.points,
+            "rejected_points": view.rejected,
+            "rms_px": view.rms_px,
+            "worst_px": view.worst_px,
+            "distance_m": view.distance_m,
+            "theta_max_rad": view.theta_max,
+        }
+        for view in views
+    ]
+
+
+def write_record(path: str | PathLike, cameras: dict[str, dict], options: dict) -> None:
+    """cameras: name → content. options: of the command. Written whole or not at all."""
+    content = {
+        "schema": SCHEMA,
+        "date": now(),
+        "versions": versions(),
+        "options": options,
+        "cameras": cameras,
+    }
+    text = json.dumps(_plain(content), ensure_ascii=False, indent=1, allow_nan=False)
+    atomic_write(path, (text + "\n").encode())
+
+
+def _plain(value):
+    """Numbers that JSON cannot say become null (NaN) or the words inf and -inf."""
+    if isinstance(value, dict):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
