@@ -64,6 +64,7 @@ setup(
             "fisheye_ep_calib = fisheye_ep_calib.cli:main",
             "calibrate_bag = fisheye_ep_calib.cli:calibrate_bag_main",
             "calibrator = fisheye_ep_calib.ros.calibrator:main",
+            "rectifier = fisheye_ep_calib.ros.rectifier:main",
         ],
     },
     zip_safe=True,
