@@ -1,0 +1,69 @@
+"""Whether an entrance pupil is claimed where there is one, and only there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fisheye_ep_calib.calibration import calibrate
+from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses
+from fisheye_ep_calib.target.chessboard import Chessboard
+
+pytestmark = pytest.mark.filterwarnings("error")
+BOARD = Chessboard.create(
+    "board", 11, 7, 0.012
+)  # the paper's grid as points: discs take longer and decide alike
+
+
+def paper_views(shift: float, seed: int, noise: float = 0.15):
+    """Views of the paper's camera with its pupil's coefficients times ``shift``."""
+    camera = paper_camera()
+    camera = replace(camera, coefficients=tuple(shift * value for value in camera.coefficients))
+    return observe(camera, BOARD, paper_poses(BOARD, seed), noise, seed)
+
+
+def test_a_camera_with_one_viewpoint() -> None:
+    result = calibrate(paper_views(0.0, 100))
+    assert not result.entrance_pupil_supported and result.model == "kannala"
+
+
+@pytest.mark.parametrize("shift", [1.0, 0.02])
+def test_the_papers_camera_and_one_with_a_fiftieth_of_its_shift(shift) -> None:
+    """E(80°) = 12.8 and 0.26 mm."""
+    result = calibrate(paper_views(shift, 100))
+    assert result.entrance_pupil_supported and result.model != "kannala"
+
+
+@pytest.mark.slow
+def test_one_viewpoint_is_mistaken_for_a_pupil_at_most_once_in_twenty() -> None:
+    wrong = [seed for seed in range(20) if calibrate(paper_views(0.0, seed)).entrance_pupil_supported]
+    assert len(wrong) <= 1
+
+
+@pytest.mark.slow
+def test_the_choice_takes_the_true_family_where_it_shows() -> None:
+    models = [calibrate(paper_views(1.0, seed)).model for seed in range(10)]
+    assert models.count("ep_odd") >= 9
+
+
+def test_a_named_model_says_what_the_data_support() -> None:
+    for model in ("kannala", "gennery"):
+        assert calibrate(paper_views(1.0, 3), model).entrance_pupil_supported
+        assert not calibrate(paper_views(0.0, 3), model).entrance_pupil_supported
+
+
+def test_what_is_open_is_decided_and_what_is_fixed_is_not() -> None:
+    free = calibrate(paper_views(1.0, 4))
+    assert {"board warp", "tangential"} & {
+        reason.split(" left out")[0].split(" kept")[0] for reason in free.reasons
+    }
+    assert any(reason.startswith("skew") for reason in free.reasons)
+    fixed = calibrate(paper_views(1.0, 4), board_warp=False, tangential=False, skew=False)
+    assert not any(
+        word in reason for reason in fixed.reasons for word in ("tangential", "skew", "board warp")
+    )
+    assert fixed.camera.skew == 0 and not fixed.camera.extras and not np.any(fixed.board_warp)
+    forced = calibrate(paper_views(1.0, 4), board_warp=True, tangential=True, skew=True)
+    assert np.any(forced.board_warp) and "tangential" in forced.camera.extras and forced.camera.skew != 0
