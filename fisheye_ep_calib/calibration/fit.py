@@ -29,6 +29,7 @@ from fisheye_ep_calib.errors import CalibrationError
 
 MIN_VIEWS = 3
 MIN_POINTS = 4  # sightings a view needs for its pose
+_ON_A_LINE = 1e-6  # variance of a view's points across, over that along; such a view may turn about its line
 _ROUGH = 1e-3  # tolerance of the stage that only serves as a start
 
 
@@ -128,8 +129,19 @@ def of_images(sightings: Sightings, images: np.ndarray) -> Sightings:
 
 
 def _images_with_points(observations: Observations) -> np.ndarray:
-    images, counts = np.unique(observations.image_index[observations.weights > 0], return_counts=True)
-    return images[counts >= MIN_POINTS]
+    """Image numbers (V,), sorted, of the images with enough points for a pose, not all of them on one line."""
+    used = observations.weights > 0
+    images, view, counts = np.unique(observations.image_index[used], return_inverse=True, return_counts=True)
+    points = observations.object_points[observations.point_index[used]]
+    points = points - observations.object_points.mean(axis=0)
+    scatter = np.empty((len(images), 3, 3))
+    middle = np.stack([np.bincount(view, points[:, i]) for i in range(3)], axis=-1) / counts[:, None]
+    for i in range(3):
+        for j in range(i + 1):
+            products = np.bincount(view, points[:, i] * points[:, j]) / counts
+            scatter[:, i, j] = scatter[:, j, i] = products - middle[:, i] * middle[:, j]
+    spread = np.linalg.eigvalsh(scatter)
+    return images[(counts >= MIN_POINTS) & (spread[:, 1] > _ON_A_LINE * spread[:, 2])]
 
 
 def _count(number: int, one: str, many: str) -> str:

@@ -114,20 +114,21 @@ def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure
         inside = (observations.weights > 0) & known & (length <= _LIMIT * sigma)
         wrong |= _wrong_views(observations, inside, fit.sightings.images)
         inside &= ~np.isin(observations.image_index, list(wrong))
-        newly = keep & ~inside & known
-        rejected_residual[newly] = error[newly]
+        rejected_residual[known] = error[known]
         if np.array_equal(inside, keep):
             break
         keep = inside
         fit = refine(fit, rich, with_weights(sightings, np.where(keep, observations.weights, 0.0)))
     kept = fit.sightings
+    # Images with too few points for a pose were never judged.
+    judged = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
     rejected = tuple(
         RejectedPoint(
             int(observations.image_index[row]),
             int(observations.point_index[row]),
             (float(rejected_residual[row, 0]), float(rejected_residual[row, 1])),
         )
-        for row in np.flatnonzero((observations.weights > 0) & ~keep)
+        for row in np.flatnonzero(judged & ~keep)
     )
     plain = refine(fit, Structure("kannala", lens=structure.lens), kept)
     return Screening(plain, rejected, tuple(sorted(wrong)))
