@@ -4,8 +4,8 @@
 
 Each draw of the noise is fitted from nothing. The standard deviation of every parameter and of E(θ) over the draws is
 divided by the Cramér–Rao bound, the inverse of the information at the truth; and the share of draws is counted in
-which the truth lies within the standard deviation that the fit itself claims (68 % if the claim is true). Fewer draws go
-through the whole of calibrate(), to show what the search for wrong points costs on data that have none.
+which the truth lies within the standard deviation that the fit itself claims (68 % if the claim is true). Fewer draws
+go through the whole of calibrate(), to show what the search for wrong points costs on data that have none.
 
 Sampling alone scatters a ratio by 1/√(2 draws) and a share by 0.47/√draws: 2.2 % and 1.5 % with 1,000.
 """
@@ -31,7 +31,7 @@ COVERAGE = (0.63, 0.73)
 
 
 def even_camera() -> FisheyeCamera:
-    """The Table 1 camera with a real lens's kind of pupil: even, negative, −0.17 / −0.78 / −1.80 mm at 30 / 60 / 85°."""
+    """The Table 1 camera with a pupil like a real lens's: even, −0.17 / −0.78 / −1.80 mm at 30 / 60 / 85°."""
     return replace(paper_camera(), model="ep_even", coefficients=(-0.6e-3, -0.1e-3))
 
 
@@ -87,7 +87,8 @@ def report(case: Case, seeds: range, workers: int) -> bool:
     bias = error.mean(axis=0) / bound
     covered = (np.abs(error) <= claimed).mean(axis=0)
     names = [*scene(case).camera.parameter_names, *(f"E({angle}°)" for angle in ANGLES)]
-    print(f"\n**{case.title}, {draws} draws, {NOISE} px**, {sum(result[2] for result in results)} points cut as wrong\n")
+    cut = sum(result[2] for result in results)
+    print(f"\n**{case.title}, {draws} draws, {NOISE} px**, {cut} points cut as wrong\n")
     header = ("", "bound (px, mm)", "std / bound", "bias / bound", "claimed σ / bound", "1σ covers")
     rows = [
         (

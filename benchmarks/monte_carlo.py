@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -73,8 +73,8 @@ def spread_over(function: Callable, items: Iterable, workers: int) -> list:
         return list(pool.map(function, items, chunksize=4))
 
 
-def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+def markdown(header: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
-    lines = [list(header)]
-    lines += [["---"] * len(lines[0]), *map(list, rows)]
+    titles = list(header)
+    lines: list[Sequence[str]] = [titles, ["---"] * len(titles), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)

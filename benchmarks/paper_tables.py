@@ -15,7 +15,7 @@ Table 1 camera (fitted to noiseless views of it), so that the Cramér–Rao boun
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
@@ -71,6 +71,7 @@ def table_1(noise: float, seed: int) -> Iterator[str]:
     printed = {method: text.split() for method, text in PAPER_TABLE_1.items()}
     truth = dict(zip(paper_camera().parameter_names, paper_camera().parameters, strict=True))
     header = ["", "truth"]
+    rows: list[Sequence[str]]
     for method in METHODS:
         header += [TITLES[method]] + [f"paper: {TITLES[method]}"] * (method in printed)
     rows = []
@@ -104,7 +105,8 @@ def one_draw(task: tuple[str, float, int]) -> tuple[np.ndarray, np.ndarray]:
 
 def table_2(noise: float, draws: int, seed: int, workers: int) -> Iterator[str]:
     """Standard deviations over the draws beside the bound and the paper's: by group, then by parameter."""
-    groups, single = [], {}
+    groups: list[Sequence[str]] = []
+    single: dict[str, dict[str, str]] = {}
     for method in METHODS:
         results = spread_over(one_draw, [(method, noise, seed + draw) for draw in range(draws)], workers)
         found, pupil = (np.stack([result[part] for result in results]) for part in (0, 1))
