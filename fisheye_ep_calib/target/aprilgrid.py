@@ -79,8 +79,9 @@ class AprilGrid(Target):
     def tag_bits(self) -> np.ndarray:
         """Cells (tags, 10, 10) from each tag's bottom-left corner, row by row in y (upwards), 1 white."""
         dictionary = aruco_dictionary(DICTIONARY, "an AprilGrid")
-        upright = marker_bits(dictionary, np.arange(self.rows * self.columns), BORDER_CELLS)
-        return upright[:, ::-1, :]
+        # Kalibr prints the family as its authors draw it; OpenCV holds it turned by 180°.
+        turned = marker_bits(dictionary, np.arange(self.rows * self.columns), BORDER_CELLS)
+        return turned[:, :, ::-1]
 
     def detector(self) -> Detector:
         from fisheye_ep_calib.target.aprilgrid_detector import AprilGridDetector

@@ -11,6 +11,7 @@ import numpy as np
 from fisheye_ep_calib.target.cells import is_regular, local_axes, local_bend, local_pitch, smooth
 from fisheye_ep_calib.target.corner_growth import colour_parity, grow_corners
 from fisheye_ep_calib.target.corner_guidance import find_guided
+from fisheye_ep_calib.target.corner_measurement import Surroundings
 from fisheye_ep_calib.target.corner_refinement import looks_like_corner, refine_corners
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.labelling import Placement, label_patch
@@ -73,10 +74,11 @@ class ChessboardDetector:
 
     def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
         target = self.target
-        clear = np.full(len(target.object_points), 0.5 * min(target.spacing, target.row_spacing))
+        half = np.full(len(self.lattice), 0.5 * min(target.spacing, target.row_spacing))
         # The square down and right of corner (column, row) is black where column + row is even.
         bright = np.where(self.lattice.sum(axis=1) % 2 == 0, -1.0, 1.0)
-        return find_guided(image, camera, camera_from_target, target.object_points, clear, bright)
+        around = Surroundings.plain(half, bright)
+        return find_guided(image, camera, camera_from_target, target.object_points, around)
 
     def _complete(self, image: np.ndarray, cells: np.ndarray, rough: np.ndarray) -> Detection:
         """Refine and check a patch, add what it lacks, say which corner is which."""

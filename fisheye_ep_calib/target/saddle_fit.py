@@ -20,6 +20,7 @@ from scipy.special import erf
 HALF_SIDES = (2, 3, 4, 5, 6, 8, 10, 12)
 ROUNDS = 6
 FIRST_BLUR = 1.0
+MARGIN = 2.0
 MOST_RESIDUAL = 0.35
 LEAST_CONTRAST = 4.0
 
@@ -43,15 +44,22 @@ class SaddleFit:
 
 
 def fit_saddles(
-    image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, bend: np.ndarray | None = None
+    image: np.ndarray,
+    pixels: np.ndarray,
+    axes: np.ndarray,
+    bend: np.ndarray | None = None,
+    depth: np.ndarray | None = None,
 ) -> SaddleFit:
     """Fit corners that are near pixels (k, 2).
 
     axes (k, 2, 2): half sides of each corner's clear zone as columns, pixels. bend (k, 2, 3): second
-    derivatives of the pixel with respect to (s, t) = ±1 at the zone's border, for ss, st and tt.
+    derivatives of the pixel with respect to (s, t) = ±1 at the zone's border, for ss, st and tt. depth (k, 2):
+    shares of the zone; pixels farther than that from both edges are left out, in the quadrants (+, +) and (−, −), and
+    in the other two.
     """
     pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
     bend = np.zeros((len(pixels), 2, 3)) if bend is None else bend
+    depth = np.ones((len(pixels), 2)) if depth is None else depth
     area = np.abs(np.linalg.det(axes))
     # Distance of the clear zone's sides from its middle: how far the window may reach.
     reach = np.maximum(area[:, None] / np.maximum(np.linalg.norm(axes, axis=1)[:, ::-1], 1e-9), 0.5)
@@ -62,13 +70,21 @@ def fit_saddles(
     )
     for number in np.unique(choice):
         chosen = np.flatnonzero(choice == number)
-        part = _fit(image, pixels[chosen], axes[chosen], bend[chosen], reach[chosen], HALF_SIDES[number])
+        part = _fit(
+            image,
+            pixels[chosen],
+            axes[chosen],
+            bend[chosen],
+            reach[chosen],
+            depth[chosen],
+            HALF_SIDES[number],
+        )
         for name in SaddleFit.__dataclass_fields__:
             getattr(out, name)[chosen] = getattr(part, name)
     return out
 
 
-def _fit(image, pixels, axes, bend, reach, half: int) -> SaddleFit:
+def _fit(image, pixels, axes, bend, reach, depth, half: int) -> SaddleFit:
     """Corners with a window of the same size: ±half pixels along the edges' normals."""
     steps = np.arange(-half, half + 1) / half
     first, second = (grid.ravel() for grid in np.meshgrid(steps, steps))
@@ -79,6 +95,7 @@ def _fit(image, pixels, axes, bend, reach, half: int) -> SaddleFit:
     x, y = s * reach[:, :1], t * reach[:, 1:]
     bent = 0.5 * np.einsum("kij,kjn->kin", bend, np.stack([s * s, 2 * s * t, t * t], axis=1))
     offset = np.einsum("kij,kjn->kin", axes, np.stack([s, t], axis=1)) + bent
+    weight = _used(s, t, reach, depth)
     center, sigma = pixels.copy(), np.full(len(pixels), FIRST_BLUR)
     tilt = np.zeros((len(pixels), 2))
     step = np.full(len(pixels), np.inf)
@@ -105,13 +122,14 @@ def _fit(image, pixels, axes, bend, reach, half: int) -> SaddleFit:
         ]
         design = np.stack(columns, axis=-1)
         values = values.astype(float)
-        normal = np.einsum("kni,knj->kij", design, design)
-        right = np.einsum("kni,kn->ki", design, values)
+        weighted = design * weight[..., None]
+        normal = np.swapaxes(weighted, 1, 2) @ design
+        right = np.einsum("kni,kn->ki", weighted, values)
         strength, drawn = _prior(contrast, residual, tilt, sigma)
         normal[:, range(9), range(9)] += strength
         solved = np.linalg.solve(normal, (right + strength * drawn)[..., None])[..., 0]
         rest = values - np.einsum("kni,ki->kn", design, solved)
-        residual = np.sqrt((rest**2).mean(axis=1))
+        residual = np.sqrt((weight * rest**2).sum(axis=1) / weight.sum(axis=1))
         contrast = solved[:, 3]
         safe = np.where(np.abs(contrast) > 1e-3, contrast, 1e-3)
         change = solved[:, 4:] / safe[:, None]
@@ -124,6 +142,15 @@ def _fit(image, pixels, axes, bend, reach, half: int) -> SaddleFit:
     return SaddleFit(
         center, contrast, residual, (step < 0.05) & (np.hypot(*(center - pixels).T) < 0.5 * half + 1)
     )
+
+
+def _used(s: np.ndarray, t: np.ndarray, reach: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Weights (k, n), 0 or 1, of the samples: those that a marker's blurred edge may reach are left out."""
+    away = np.minimum(np.abs(s) * reach[:, :1], np.abs(t) * reach[:, 1:])
+    limit = np.where(s * t > 0, depth[:, :1], depth[:, 1:])
+    plain = np.where(s * t > 0, depth[:, :1] >= 1, depth[:, 1:] >= 1)
+    margin = np.minimum(MARGIN, 0.3 * limit * reach.min(axis=1, keepdims=True))
+    return (plain | (away < limit * reach.min(axis=1, keepdims=True) - margin)).astype(float)
 
 
 def _prior(

@@ -1,0 +1,79 @@
+"""Square markers by cv2.aruco with settings for strong wide-angle lenses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from fisheye_ep_calib.target.aruco import require_aruco
+
+SEARCH_SIDE = 1400
+
+
+@dataclass(frozen=True)
+class Markers:
+    """identity (m,): numbers. corners (m, 4, 2): pixels, clockwise from the marker's own top left.
+
+    rejected (r, 2): centres of quadrilaterals that are no known marker.
+    """
+
+    identity: np.ndarray
+    corners: np.ndarray
+    rejected: np.ndarray
+
+
+def find_markers(image: np.ndarray, dictionary, border: int, known: int, what: str) -> Markers:
+    """Find the markers 0 … known − 1 of a dictionary. border: their black cells around. what: for the error message.
+
+    A number that is seen twice is left out: one of the two is not the board's.
+    """
+    module = require_aruco(what)
+    settings = module.DetectorParameters()
+    # Large windows see markers that fill much of the image, small ones those at the rim.
+    settings.adaptiveThreshWinSizeMin = 5
+    settings.adaptiveThreshWinSizeMax = 63
+    settings.adaptiveThreshWinSizeStep = 14
+    settings.minMarkerPerimeterRate = 0.008
+    settings.polygonalApproxAccuracyRate = 0.06
+    settings.markerBorderBits = border
+    settings.perspectiveRemovePixelPerCell = 6
+    settings.cornerRefinementMethod = module.CORNER_REFINE_NONE
+    finder = module.ArucoDetector(dictionary, settings)
+    found = [_run(finder, image, factor) for factor in _factors(image)]
+    identity = np.concatenate([part[0] for part in found])
+    corners = np.concatenate([part[1] for part in found])
+    rejected = np.concatenate([part[2] for part in found])
+    keep = np.zeros(len(identity), dtype=bool)
+    for number in np.unique(identity[identity < known]):
+        same = np.flatnonzero(identity == number)
+        middles = corners[same].mean(axis=1)
+        size = np.ptp(corners[same[0]], axis=0).max()
+        if np.hypot(*(middles - middles[0]).T).max() < 0.3 * size:
+            keep[same[-1]] = True
+    return Markers(identity[keep], corners[keep], rejected)
+
+
+def _factors(image: np.ndarray) -> tuple[int, ...]:
+    """Reductions to search at; the last one, the full size, gives the best corners."""
+    return (2, 1) if max(image.shape) > SEARCH_SIDE else (1,)
+
+
+def _run(finder, image: np.ndarray, factor: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    small = image
+    if factor > 1:
+        height, width = image.shape[0] // factor, image.shape[1] // factor
+        small = cv2.resize(
+            image[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA
+        )
+    corners, identity, rejected = finder.detectMarkers(small)
+    if identity is None or len(corners) == 0:
+        identity, corners = np.empty(0, dtype=int), np.empty((0, 4, 2))
+    corners = np.asarray(corners, dtype=float).reshape(-1, 4, 2)
+    middles = np.asarray(rejected, dtype=float).reshape(-1, 4, 2).mean(axis=1)
+    return np.ravel(identity).astype(int), _full_size(corners, factor), _full_size(middles, factor)
+
+
+def _full_size(pixels: np.ndarray, factor: int) -> np.ndarray:
+    return (pixels + 0.5) * factor - 0.5
