@@ -87,6 +87,9 @@ class LiveCalibrator:
         session = self.sessions.get(name)
         if session is None:
             return
+        if session.full and not self._listener.wants_picture(name):
+            session.count(received=1)
+            return
         header = message.header
 
         def arguments() -> tuple:

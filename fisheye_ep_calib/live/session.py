@@ -93,6 +93,11 @@ class CameraSession:
         return self._store.unwritten or self._outcome_unwritten
 
     @property
+    def full(self) -> bool:
+        """Whether there are as many views as wanted."""
+        return len(self._store.views) >= self.limits.maximum_views
+
+    @property
     def image_size(self) -> tuple[int, int] | None:
         return self._store.image_size
 
@@ -125,12 +130,12 @@ class CameraSession:
         if signature is None:
             return Verdict.TOO_FEW_POINTS
         with self._lock:
-            store, limits = self._store, self.limits
+            store = self._store
             if store.views and store.image_size != sighting.image_size:
                 return Verdict.OTHER_SIZE
-            if len(store.views) >= limits.maximum_views:
+            if self.full:
                 return Verdict.FULL
-            if not is_new(signature, [view.signature for view in store.views], limits.novelty):
+            if not is_new(signature, [view.signature for view in store.views], self.limits.novelty):
                 return Verdict.NOT_NEW
             store.add(
                 View(sighting.name, detection.point_index, detection.pixels, signature), sighting.image_size
