@@ -15,6 +15,7 @@ from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibr
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.collection import Collector
 from fisheye_ep_calib.commands.live_demo import play_to_calibrator, why_not_live
+from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.simulation import (
     Imaging,
@@ -26,7 +27,6 @@ from fisheye_ep_calib.simulation import (
     views_at,
     write_bag,
 )
-from fisheye_ep_calib.simulation.sequence import usable_cores
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.recording import open_recording

@@ -15,8 +15,8 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
+from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import CalibrationError, InputError
-from fisheye_ep_calib.simulation.sequence import usable_cores
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.recording import Recording, choose_topics, open_recording
 from fisheye_ep_calib.target import Target, load_target

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -12,6 +11,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.simulation.bag import StampedImage
 from fisheye_ep_calib.simulation.rendering import PLAIN, Imaging, render
 from fisheye_ep_calib.simulation.scene_camera import SceneCamera
@@ -91,14 +91,6 @@ def simulate_rig(
     for (name, stamp_ns, _), image in zip(order, images, strict=True):
         topic = f"/{name}/image_raw{suffix}"
         yield StampedImage(topic, stamp_ns, f"{name}_optical_frame", image, compression)
-
-
-def usable_cores() -> int:
-    """Cores this process may run on."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1
 
 
 def _prepare(views: list[View]) -> None:
