@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
-from fisheye_ep_calib.calibration.normal_equations import NormalEquations, solve_damped
+from fisheye_ep_calib.calibration.levenberg_marquardt import CONVERGED, minimise
+from fisheye_ep_calib.calibration.normal_equations import NormalEquations
 from fisheye_ep_calib.calibration.prediction import FeatureModel, predict
 from fisheye_ep_calib.calibration.robust import LINEAR, Loss
 from fisheye_ep_calib.calibration.rotation import moved_poses
@@ -15,9 +16,6 @@ from fisheye_ep_calib.calibration.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.incidence import PupilRange, pupil_range
 from fisheye_ep_calib.errors import InputError
-
-_MOST_DAMPING = 1e14
-_CONVERGED = 1e-10  # predicted decrease of the cost, as a fraction of it
 
 
 @dataclass(frozen=True)
@@ -146,38 +144,16 @@ def adjust(
     problem: AdjustmentProblem,
     state: AdjustmentState,
     max_iterations: int = 100,
-    tolerance: float = _CONVERGED,
+    tolerance: float = CONVERGED,
     damping: float = 1e-4,
 ) -> Adjustment:
-    """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping; Madsen et al. 2004, algorithm 3.16).
-
-    Converged when the step's predicted decrease falls below tolerance × cost.
-    """
-    equations = evaluate(problem, state)
-    growth = 4.0
-    for iteration in range(max_iterations):
-        try:
-            step = solve_damped(equations, damping)
-        except np.linalg.LinAlgError:
-            if damping > _MOST_DAMPING:
-                break
-            damping, growth = max(damping, 1e-6) * growth, growth * 2
-            continue
-        floor = tolerance * max(equations.cost, 1e-14)
-        small = 0 <= step.predicted_decrease <= floor
-        trial = stepped(problem, state, step)
-        trial_equations = evaluate(problem, trial) if trial is not None else None
-        accepted = trial_equations is not None and trial_equations.valid and trial_equations.cost < equations.cost
-        if accepted and trial is not None and trial_equations is not None:
-            gain = (equations.cost - trial_equations.cost) / step.predicted_decrease
-            state, equations = trial, trial_equations
-            damping *= max(0.05, 1 - (2 * gain - 1) ** 3)
-            damping, growth = max(damping, 1e-15), 4.0
-        if small and damping < 1.0:
-            return Adjustment(state, equations, iteration + 1, True)
-        if not accepted:
-            damping, growth = max(damping, 1e-6) * growth, growth * 2
-            if damping > _MOST_DAMPING:
-                # No downhill step exists beyond rounding: that is a minimum if the last step was small.
-                return Adjustment(state, equations, iteration + 1, small)
-    return Adjustment(state, equations, max_iterations, False)
+    """Minimise the cost from a state on (levenberg_marquardt.py)."""
+    found = minimise(
+        lambda trial: evaluate(problem, trial),
+        lambda current, step: stepped(problem, current, step),
+        state,
+        max_iterations,
+        tolerance,
+        damping,
+    )
+    return Adjustment(found.state, found.equations, found.iterations, found.converged)

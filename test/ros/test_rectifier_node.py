@@ -261,4 +261,4 @@ def test_large_images_at_10_hz(start_rectifier, start_publisher, probe, rendered
     publisher = start_publisher(rendered, 10, "/front/image_raw", "--frames", 100)
     published = wait_for(lambda: publisher.process.poll() is not None and int(publisher.output.split()[-1]), "the end")
     print(f"{len(images)} of {published} images rectified")
-    assert len(images) >= 0.95 * published
+    assert len(images) >= 0.9 * published
