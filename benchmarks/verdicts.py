@@ -1,0 +1,136 @@
+"""Whether an entrance pupil is claimed where there is one, and only there.
+
+    OMP_NUM_THREADS=1 python benchmarks/verdicts.py [--draws 20] [--workers 2]
+
+Synthetic: the Table 1 camera with an even pupil of several sizes, none among them, with new poses and noise for each
+draw. Real: public data sets, where they are at hand (FISHEYE_EP_CALIB_DATA, or ../shared/data). Everything through the
+default ``auto``, which also decides skew, tangential terms and the board's bow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from monte_carlo import markdown, spread_over
+
+from fisheye_ep_calib import CalibrationResult, Observations, calibrate
+from fisheye_ep_calib.calibration.evaluation import evaluate_camera
+from fisheye_ep_calib.calibration.uncertainty import pupil_sigma
+from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target
+
+MODELS = ("kannala", "ep_odd", "ep_even", "gennery")
+DATA_SETS = ("ov_plane", "urban_fisheye2", "jy_left")
+TRAINED = "ov_plane"  # has a split into training and test images
+NOISE = 0.15  # px of each coordinate
+SIZES = (0.0, 0.05, 0.1, 0.2, 1.0)  # of a real lens's pupil
+PUPIL = np.array([-0.6e-3, -0.1e-3])  # E(80°) = −1.55 mm
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def one_draw(task: tuple[float, int]) -> tuple[bool, str]:
+    """Verdict and chosen model for a pupil of a size."""
+    size, seed = task
+    camera = replace(paper_camera(), model="ep_even", coefficients=tuple((size * PUPIL).tolist()))
+    target = replace(paper_target(), disc_radius=None)
+    result = calibrate(observe(camera, target, paper_poses(target, seed), NOISE, seed))
+    return result.entrance_pupil_supported, result.model
+
+
+def synthetic_table(draws: int, workers: int) -> str:
+    rows = []
+    for size in SIZES:
+        verdicts = spread_over(one_draw, [(size, seed) for seed in range(draws)], workers)
+        edge = np.radians(80) ** np.array([2, 4]) @ (size * PUPIL)
+        models = [model for _, model in verdicts]
+        rows.append(
+            (
+                f"{1e3 * edge:.2f}",
+                f"{sum(supported for supported, _ in verdicts)} of {draws}",
+                ", ".join(f"{model} {models.count(model)}" for model in sorted(set(models))),
+            )
+        )
+    return markdown(("E(80°), mm", "supported", "chosen"), rows)
+
+
+def additions(result: CalibrationResult) -> str:
+    """What ``auto`` estimates beside focal length, centre, lens and pupil."""
+    structure = result.fit.structure
+    names = ["skew"] * structure.skew + list(structure.extras)
+    if structure.board_warp:
+        names.append(f"board bow {1e3 * np.abs(result.board_warp).max():.2f} mm")
+    return ", ".join(names) or "nothing"
+
+
+def pupil_at_edge(result: CalibrationResult) -> str:
+    """E(80°) and its standard deviation, mm."""
+    theta = np.radians(80)
+    sigma = pupil_sigma(result.camera, result.uncertainty.covariance, theta)
+    return f"{1e3 * result.camera.entrance_pupil(theta):.2f} ± {1e3 * sigma:.2f}"
+
+
+def real_table(results: dict[str, CalibrationResult]) -> str:
+    rows: list[Sequence[str]] = []
+    for name, result in results.items():
+        cells = [
+            f"{result.comparison[model].rms_px:.4f} / {result.comparison[model].cross_validated_rms_px:.4f}"
+            for model in MODELS
+        ]
+        verdict = "yes" if result.entrance_pupil_supported else "no"
+        rows.append((name, *cells, additions(result), result.model, verdict))
+    return markdown(("data", *MODELS, "added", "chosen", "pupil supported"), rows)
+
+
+def train_test_table(observations: Observations) -> str:
+    """RMS of all images, and of the test images for the camera of the training images, with the board's bow."""
+    assert observations.split is not None
+    trained, tested = (
+        observations.select_images(np.flatnonzero(observations.split == part)) for part in ("train", "test")
+    )
+    rows = []
+    for model in MODELS:
+        flat = calibrate(observations, model)
+        whole = calibrate(observations, model, board_warp=True)
+        result = calibrate(trained, model, board_warp=True)
+        measured = evaluate_camera(result.camera, tested, result.board_warp)
+        rows.append(
+            (
+                model,
+                f"{flat.rms_px:.4f}",
+                f"{whole.rms_px:.4f}",
+                f"{result.rms_px:.4f}",
+                f"{measured.rms_px:.4f}",
+                f"{1e3 * np.abs(whole.board_warp).max():.2f}",
+                pupil_at_edge(whole),
+                str(len(whole.rejected)),
+            )
+        )
+    header = ("model", "flat board", "with its bow", "training images", "test images", "bow, mm", "E(80°), mm", "points cut")
+    return markdown(header, rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--workers", type=int, default=2)
+    arguments = parser.parse_args()
+    folder = Path(os.environ.get("FISHEYE_EP_CALIB_DATA", REPOSITORY.parent / "shared" / "data"))
+    if folder.is_dir():
+        data = {name: Observations.load(folder / name / "observations.npz") for name in DATA_SETS}
+        results = {name: calibrate(observations) for name, observations in data.items()}
+        print(f"## Real data: RMS / cross-validated RMS, px\n\n{real_table(results)}\n")
+        for name, result in results.items():
+            print(f"{name}: {len(result.rejected)} points cut")
+            print("".join(f"- {reason}\n" for reason in result.reasons))
+        print(f"## {TRAINED}: RMS, px\n\n{train_test_table(data[TRAINED])}\n")
+    else:
+        print(f"no real data at {folder}: set FISHEYE_EP_CALIB_DATA to the folder that has them\n")
+    print(f"## Synthetic, {NOISE} px\n\n{synthetic_table(arguments.draws, arguments.workers)}")
+
+
+if __name__ == "__main__":
+    main()
