@@ -1,0 +1,191 @@
+"""Bundle adjustment of a rig: every camera's pose, one pose of the target a moment, and what else is free.
+
+A point P of the target is seen by camera c at moment m through X_c B_m, with X_c = camera_from_reference (the identity
+for camera 0) and B_m = reference_from_target. With X = (R, t), B = (Q, s) and a projection's derivatives by the
+composed pose's steps, ω and δ of R Q ← exp(ω) R Q, R s + t ← R s + t + δ (prediction.py):
+
+    B: ∂ω = R, ∂δ = R            since R exp(ω) Q = exp(R ω) R Q
+    X: ∂ω = (I, −[R s]×), ∂δ = I   since exp(ω) turns R s as well
+
+The moments' poses are eliminated as the views' are in a single camera's adjustment (normal_equations.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.adjustment import camera_bounds
+from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
+from fisheye_ep_calib.calibration.levenberg_marquardt import Minimum, minimise
+from fisheye_ep_calib.calibration.normal_equations import NormalEquations
+from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.calibration.prediction import FeatureModel, predict
+from fisheye_ep_calib.calibration.robust import LINEAR, Loss
+from fisheye_ep_calib.calibration.rotation import moved_poses
+from fisheye_ep_calib.calibration.views import ViewBlock, view_blocks
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.errors import InputError
+
+
+@dataclass(frozen=True)
+class CameraViews:
+    """What one camera saw. moments (V,): the moment of each of the blocks' views. free (P,) bool: its parameters."""
+
+    observations: Observations
+    moments: np.ndarray
+    blocks: tuple[ViewBlock, ...]
+    free: np.ndarray
+
+
+@dataclass(frozen=True)
+class RigState:
+    """cameras: C of them. camera_from_reference (C, 4, 4), reference_from_target (M, 4, 4), board_warp (3,): metres."""
+
+    cameras: tuple[FisheyeCamera, ...]
+    camera_from_reference: np.ndarray
+    reference_from_target: np.ndarray
+    board_warp: np.ndarray = field(default_factory=lambda: np.zeros(len(WARP_NAMES)))
+
+
+@dataclass(frozen=True)
+class RigProblem:
+    """What is seen and what is free. The shared parameters are, in this order: the poses of the cameras 1, 2, …
+    (ω, δ each), the free parameters of camera 0, 1, …, the board warp where it is free.
+    """
+
+    views: tuple[CameraViews, ...]
+    features: FeatureModel
+    warp_free: bool = False
+    loss: Loss = LINEAR
+
+    @property
+    def moment_count(self) -> int:
+        return 1 + max(int(view.moments.max(initial=-1)) for view in self.views)
+
+    @property
+    def pose_size(self) -> int:
+        return 6 * (len(self.views) - 1)
+
+    @property
+    def shared_size(self) -> int:
+        free = sum(int(view.free.sum()) for view in self.views)
+        return self.pose_size + free + len(WARP_NAMES) * self.warp_free
+
+    def parameter_columns(self, camera: int) -> np.ndarray:
+        """Where a camera's free parameters stand among the shared ones."""
+        counts = [int(view.free.sum()) for view in self.views]
+        start = self.pose_size + sum(counts[:camera])
+        return np.arange(start, start + counts[camera])
+
+
+def camera_views(observations: Observations, images: np.ndarray, moments: np.ndarray, free: np.ndarray) -> CameraViews:
+    """images (V,): the image numbers to use, sorted; moments (V,): when each was taken."""
+    return CameraViews(observations, moments, view_blocks(observations, images), free)
+
+
+def adjust_rig(problem: RigProblem, state: RigState, max_iterations: int = 100) -> Minimum[RigState]:
+    """Minimise the reprojection error from a state on."""
+    return minimise(
+        lambda trial: evaluate_rig(problem, trial),
+        lambda current, step: _stepped(problem, current, step),
+        state,
+        max_iterations,
+    )
+
+
+def evaluate_rig(problem: RigProblem, state: RigState) -> NormalEquations:
+    """The normal equations at a state; ``by_view`` counts moments."""
+    size = 6 + problem.shared_size + 1
+    hessian = np.zeros((problem.moment_count, size, size))
+    cost, valid = 0.0, True
+    for camera in range(len(problem.views)):
+        columns = _columns(problem, camera)
+        for block, moments, found in _predictions(problem, state, camera, jacobian=True):
+            used = block.weights > 0
+            valid = valid and bool(found.valid[used].all())
+            system = _system(problem, state, camera, moments, found)
+            system = np.concatenate([system, (found.pixels - block.pixels)[:, None]], axis=1)
+            weights = np.where(found.valid, block.weights, 0.0)
+            square = (system[0, -1] ** 2 + system[1, -1] ** 2) * weights**2
+            loss, factor = problem.loss.evaluate(square)
+            cost += 0.5 * float(loss[used].sum())
+            by_view = np.swapaxes(system * (weights * factor), 1, 2)
+            products = by_view[0] @ np.swapaxes(by_view[0], 1, 2) + by_view[1] @ np.swapaxes(by_view[1], 1, 2)
+            # A camera sees a moment once, so no entry is added to twice here.
+            hessian[moments[:, None, None], columns[:, None], columns] += products
+    return NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)))
+
+
+def rig_residuals(problem: RigProblem, state: RigState) -> list[np.ndarray]:
+    """For each camera predicted minus measured pixels (M_c, 2), by observation row; NaN in images that are not used."""
+    results = []
+    for camera, views in enumerate(problem.views):
+        result = np.full((len(views.observations.pixels), 2), np.nan)
+        for block, _, found in _predictions(problem, state, camera):
+            error = np.where(found.valid, found.pixels - block.pixels, np.nan)
+            result[block.rows[block.real]] = error[:, block.real].T
+        results.append(result)
+    return results
+
+
+def _predictions(problem: RigProblem, state: RigState, camera: int, jacobian: bool = False):
+    """Each block of a camera with its views' moments and what is predicted for it."""
+    views, model = problem.views[camera], state.cameras[camera]
+    model = replace(model, theta_max=np.pi)  # sightings beyond the calibration's evidence are still sightings
+    bounds = camera_bounds(model, model.theta_limit)
+    for block in views.blocks:
+        moments = views.moments[block.views]
+        poses = state.camera_from_reference[camera] @ state.reference_from_target[moments]
+        found = predict(
+            model, problem.features, state.board_warp, poses, block, bounds, jacobian, jacobian and problem.warp_free
+        )
+        yield block, moments, found
+
+
+def _columns(problem: RigProblem, camera: int) -> np.ndarray:
+    """Where the columns of ``_system`` stand: the moment's pose, the camera's, its parameters, warp, residual."""
+    parts = [np.arange(6)]
+    if camera > 0:
+        parts.append(6 + np.arange(6 * (camera - 1), 6 * camera))
+    parts.append(6 + problem.parameter_columns(camera))
+    end = 6 + problem.shared_size
+    if problem.warp_free:
+        parts.append(np.arange(end - len(WARP_NAMES), end))
+    return np.concatenate([*parts, [end]])
+
+
+def _system(problem: RigProblem, state: RigState, camera: int, moments: np.ndarray, found) -> np.ndarray:
+    """∂pixels by everything a camera's views depend on, (2, Q, B, N), without the residual."""
+    turn, d_pose = state.camera_from_reference[camera, :3, :3], found.d_pose
+    d_turn, d_shift = d_pose[:, :3], d_pose[:, 3:]
+    parts = [np.einsum("caij,ab->cbij", d_turn, turn), np.einsum("caij,ab->cbij", d_shift, turn)]
+    if camera > 0:
+        arm = (state.reference_from_target[moments, :3, 3] @ turn.T).T[..., None]  # R s, (3, B, 1)
+        carried = d_turn.copy()
+        for axis in range(3):
+            after, last = (axis + 1) % 3, (axis + 2) % 3
+            carried[:, axis] += arm[after] * d_shift[:, last] - arm[last] * d_shift[:, after]
+        parts += [carried, d_shift]
+    parts.append(found.d_camera[:, problem.views[camera].free])
+    if problem.warp_free:
+        parts.append(found.d_warp)
+    return np.concatenate(parts, axis=1)
+
+
+def _stepped(problem: RigProblem, state: RigState, step) -> RigState | None:
+    if not (np.isfinite(step.pose).all() and np.isfinite(step.shared).all()):
+        return None
+    poses = state.camera_from_reference.copy()
+    poses[1:] = moved_poses(poses[1:], step.shared[: problem.pose_size].reshape(-1, 6))
+    cameras = []
+    for number, camera in enumerate(state.cameras):
+        parameters = camera.parameters.copy()
+        parameters[problem.views[number].free] += step.shared[problem.parameter_columns(number)]
+        try:
+            cameras.append(camera.with_parameters(parameters))
+        except InputError:
+            return None
+    warp = state.board_warp + step.shared[-len(WARP_NAMES) :] if problem.warp_free else state.board_warp
+    return RigState(tuple(cameras), poses, moved_poses(state.reference_from_target, step.pose), warp)

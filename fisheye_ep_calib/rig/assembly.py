@@ -1,0 +1,144 @@
+"""From each camera's own poses of the target to a first state of the whole rig, every point called by one name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.rig.graph import Chains, components, join
+from fisheye_ep_calib.rig.pairs import PairPose, best_symmetry, pair_pose
+from fisheye_ep_calib.rig.symmetry import Symmetry
+
+MIN_COMMON_VIEWS = 3
+_DISAGREES = 0.2  # of the distance: a camera that sees the target elsewhere by more saw another moment
+
+
+@dataclass(frozen=True)
+class CameraPoses:
+    """The target as one camera sees it. camera_from_target: by image number, (4, 4). points: sightings, by image."""
+
+    observations: Observations
+    camera_from_target: dict[int, np.ndarray]
+    points: np.ndarray
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """moments (M, C): image numbers, −1 for none, of the moments that remain. reference_from_target (M, 4, 4).
+
+    observations: of each camera, its points called as the others call them. left_out: (camera, image) that disagree.
+    """
+
+    chains: Chains
+    pairs: dict[tuple[int, int], PairPose]
+    moments: np.ndarray
+    reference_from_target: np.ndarray
+    observations: tuple[Observations, ...]
+    left_out: tuple[tuple[int, int], ...]
+
+
+def assemble(
+    cameras: Sequence[CameraPoses],
+    names: Sequence[str],
+    moments: np.ndarray,
+    symmetries: Sequence[Symmetry],
+    keep_single: bool = False,
+) -> Assembly:
+    """The first state of a rig. moments (m, C): image numbers, −1 for none.
+
+    keep_single: keep moments that one camera alone sees, which say something of that camera's parameters.
+    Raises CalibrationError where the views do not join all cameras.
+    """
+    moments = np.where(_has_pose(cameras, moments), moments, -1)
+    pairs = relative_poses(cameras, moments, symmetries)
+    chains = join(pairs, len(cameras))
+    if chains is None:
+        raise CalibrationError(_not_joined(names, pairs, moments))
+    for camera, before in enumerate(chains.before):
+        if before >= 0 and pairs[min(camera, before), max(camera, before)].ambiguous:
+            raise CalibrationError(
+                f"{names[before]} and {names[camera]}: the target looks the same turned, and their common views do not "
+                "tell which way it is: move and turn it between views, or take one whose points cannot be mistaken"
+            )
+    return _with_one_name_a_point(cameras, moments, symmetries, pairs, chains, 1 if keep_single else 2)
+
+
+def relative_poses(
+    cameras: Sequence[CameraPoses], moments: np.ndarray, symmetries: Sequence[Symmetry]
+) -> dict[tuple[int, int], PairPose]:
+    """The relative pose of every pair (a, b), a < b, with enough common views that agree."""
+    points = cameras[0].observations.object_points
+    pairs = {}
+    for a in range(len(cameras)):
+        for b in range(a + 1, len(cameras)):
+            common = moments[(moments[:, [a, b]] >= 0).all(axis=1)]
+            if len(common) < MIN_COMMON_VIEWS:
+                continue
+            poses = (np.stack([cameras[c].camera_from_target[image] for image in common[:, c]]) for c in (a, b))
+            pair = pair_pose(*poses, symmetries, points)
+            if pair.views >= MIN_COMMON_VIEWS:
+                pairs[a, b] = pair
+    return pairs
+
+
+def _has_pose(cameras: Sequence[CameraPoses], moments: np.ndarray) -> np.ndarray:
+    return np.array(
+        [[image in cameras[c].camera_from_target for c, image in enumerate(row)] for row in moments.tolist()]
+    ).reshape(moments.shape)
+
+
+def _not_joined(names: Sequence[str], pairs: dict[tuple[int, int], PairPose], moments: np.ndarray) -> str:
+    groups = [", ".join(names[camera] for camera in group) for group in components(list(pairs), len(names))]
+    counts = [
+        f"{names[a]} and {names[b]}: {int((moments[:, [a, b]] >= 0).all(axis=1).sum())}"
+        for a in range(len(names))
+        for b in range(a + 1, len(names))
+        if (a, b) not in pairs
+    ]
+    return (
+        f"no chain of common views joins {' | '.join(groups)}; views of the target at the same time that agree are "
+        f"needed, {MIN_COMMON_VIEWS} at least ({'; '.join(counts[:8])}): hold the target where both see it"
+    )
+
+
+def _with_one_name_a_point(cameras, moments, symmetries, pairs, chains: Chains, least: int) -> Assembly:
+    """Choose each view's symmetry such that all cameras of a moment mean the same point by the same name."""
+    points = cameras[0].observations.object_points
+    reference_from_camera = np.linalg.inv(chains.camera_from_reference)
+    point_index = [camera.observations.point_index.copy() for camera in cameras]
+    kept, poses, left_out = [], [], []
+    for moment in moments:
+        seeing = np.flatnonzero(moment >= 0)
+        if len(seeing) < least:
+            continue
+        base = max(seeing, key=lambda c: cameras[c].points[moment[c]])
+        pose = reference_from_camera[base] @ cameras[base].camera_from_target[int(moment[base])]
+        row = moment.copy()
+        for c in seeing:
+            image = int(moment[c])
+            expected = chains.camera_from_reference[c] @ pose
+            which, off = best_symmetry(expected, cameras[c].camera_from_target[image], symmetries, points)
+            if off > _DISAGREES:
+                row[c] = -1
+                left_out.append((int(c), image))
+                continue
+            rows = cameras[c].observations.image_index == image
+            point_index[c][rows] = symmetries[which].relabelled(point_index[c][rows])
+        if (row >= 0).sum() >= least:
+            kept.append(row)
+            poses.append(pose)
+    observations = tuple(
+        replace(camera.observations, point_index=index) for camera, index in zip(cameras, point_index, strict=True)
+    )
+    return Assembly(
+        chains,
+        pairs,
+        np.array(kept, dtype=int).reshape(-1, len(cameras)),
+        np.array(poses).reshape(-1, 4, 4),
+        observations,
+        tuple(left_out),
+    )

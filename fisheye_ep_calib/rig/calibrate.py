@@ -1,0 +1,235 @@
+"""A rig from views of one target: where every camera is, in the first one's frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.board_warp import WARP_NAMES, board_frame
+from fisheye_ep_calib.calibration.evaluation import evaluate_camera
+from fisheye_ep_calib.calibration.levenberg_marquardt import Minimum
+from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.calibration.prediction import FeatureModel
+from fisheye_ep_calib.calibration.robust import Loss, robust_spread
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.rig.adjustment import (
+    RigProblem,
+    RigState,
+    adjust_rig,
+    camera_views,
+    rig_residuals,
+)
+from fisheye_ep_calib.rig.assembly import Assembly, CameraPoses, assemble
+from fisheye_ep_calib.rig.result import RigCalibration, RigPair
+from fisheye_ep_calib.rig.symmetry import no_symmetry, symmetries
+from fisheye_ep_calib.rig.synchronisation import nearest_ns, simultaneous
+from fisheye_ep_calib.rig.uncertainty import of_inverse, pose_covariance
+
+USUAL_TOLERANCE = 0.01  # seconds
+_WRONG_VIEW = 8.0  # times the spread: a view whose median residual is larger was taken at another time
+_LEAST_SPREAD = 1e-3  # pixels
+_HUBER = 3.0  # times the spread: where a sighting stops counting fully
+
+
+@dataclass(frozen=True)
+class RigCamera:
+    """One camera and what it saw. stamps_ns: when each image was taken, by image number.
+
+    covariance (P, P): of the camera's parameters, as its file gives it; None: they are taken as exact.
+    """
+
+    name: str
+    camera: FisheyeCamera
+    observations: Observations
+    stamps_ns: np.ndarray
+    covariance: np.ndarray | None = None
+
+
+def calibrate_rig(
+    cameras: Sequence[RigCamera],
+    tolerance: float = USUAL_TOLERANCE,
+    unmistakable: bool = False,
+    free_cameras: bool = False,
+    board_warp: np.ndarray | None = None,
+    warp_free: bool = False,
+) -> RigCalibration:
+    """Each camera's pose in the first one's frame. tolerance: seconds within which images are of the same time.
+
+    unmistakable: no detector can take the target for itself turned. free_cameras: the cameras' parameters are refined
+    too, those with a covariance above zero, or all. board_warp (3,): the target's bow, metres; warp_free: it is
+    refined. Raises CalibrationError.
+    """
+    _check(cameras)
+    bow = np.zeros(len(WARP_NAMES)) if board_warp is None else np.asarray(board_warp, dtype=float)
+    moments = _moments(cameras, tolerance)
+    poses = [_poses(one, bow) for one in cameras]
+    points = cameras[0].observations.object_points
+    turns = no_symmetry(points) if unmistakable else symmetries(points)
+    names = [one.name for one in cameras]
+    assembly = assemble(poses, names, moments, turns, keep_single=free_cameras)
+    free = [_free(one) if free_cameras else np.zeros(len(one.camera.parameters), bool) for one in cameras]
+    state = RigState(
+        tuple(one.camera for one in cameras),
+        assembly.chains.camera_from_reference,
+        assembly.reference_from_target,
+        bow,
+    )
+    problem = _problem(assembly, free, warp_free)
+    state = adjust_rig(replace(problem, loss=_loss(problem, state, "cauchy")), state, max_iterations=30).state
+    assembly, state, wrong = _without_wrong_views(assembly, problem, state, least=1 if free_cameras else 2)
+    problem = _problem(assembly, free, warp_free)
+    problem = replace(problem, loss=_loss(problem, state, "huber"))
+    found = adjust_rig(problem, state)
+    return _result(cameras, assembly, problem, found, wrong, None if free_cameras else [c.covariance for c in cameras])
+
+
+def _check(cameras: Sequence[RigCamera]) -> None:
+    if len(cameras) < 2:
+        raise InputError("a rig has two cameras at least")
+    if len({one.name for one in cameras}) < len(cameras):
+        raise InputError("two cameras of the rig have the same name")
+    first = cameras[0].observations
+    for one in cameras:
+        seen = one.observations
+        if not np.array_equal(seen.object_points, first.object_points) or seen.disc_radius != first.disc_radius:
+            raise InputError(f"{cameras[0].name} and {one.name} were shown different targets")
+        if len(one.stamps_ns) < len(seen.image_names):
+            raise InputError(f"{one.name}: there are fewer stamps than images")
+
+
+def _moments(cameras: Sequence[RigCamera], tolerance: float) -> np.ndarray:
+    """Image numbers (m, C) of what was seen at the same time, −1 for nothing."""
+    images = [np.unique(one.observations.image_index) for one in cameras]
+    stamps = [np.asarray(one.stamps_ns, dtype=np.int64)[seen] for one, seen in zip(cameras, images, strict=True)]
+    found = simultaneous(stamps, round(tolerance * 1e9))
+    moments = np.full_like(found, -1)
+    for camera, seen in enumerate(images):
+        has = found[:, camera] >= 0
+        moments[has, camera] = seen[found[has, camera]]
+    if not ((moments >= 0).sum(axis=1) > 1).any():
+        gaps = [
+            (nearest_ns(stamps[a], stamps[b]) * 1e-9, cameras[a].name, cameras[b].name)
+            for a in range(len(stamps))
+            for b in range(a + 1, len(stamps))
+            if len(stamps[a]) and len(stamps[b])
+        ]
+        gap, a, b = min(gaps, default=(np.inf, cameras[0].name, cameras[1].name))
+        raise CalibrationError(
+            f"no two cameras saw the target within {1e3 * tolerance:g} ms of each other; the nearest two images, of "
+            f"{a} and {b}, are {1e3 * gap:.1f} ms apart: widen the tolerance if the target was held still"
+        )
+    return moments
+
+
+def _poses(one: RigCamera, board_warp: np.ndarray) -> CameraPoses:
+    try:
+        found = evaluate_camera(one.camera, one.observations, board_warp)
+    except CalibrationError as error:
+        raise type(error)(f"{one.name}: {error}") from None
+    poses = {int(image): pose for image, pose in zip(found.images, found.camera_from_target, strict=True)}
+    seen = one.observations.image_index[one.observations.weights > 0]
+    points = np.bincount(seen, minlength=len(one.observations.image_names))
+    return CameraPoses(one.observations, poses, points)
+
+
+def _free(one: RigCamera) -> np.ndarray:
+    if one.covariance is None or not np.any(one.covariance):
+        return np.ones(len(one.camera.parameters), bool)
+    return np.diag(one.covariance) > 0
+
+
+def _problem(assembly: Assembly, free: Sequence[np.ndarray], warp_free: bool) -> RigProblem:
+    views = []
+    for camera, observations in enumerate(assembly.observations):
+        moments = np.flatnonzero(assembly.moments[:, camera] >= 0)
+        images = assembly.moments[moments, camera]
+        order = np.argsort(images)
+        views.append(camera_views(observations, images[order], moments[order], free[camera]))
+    first = assembly.observations[0]
+    features = FeatureModel(board_frame(first.object_points), first.disc_radius)
+    return RigProblem(tuple(views), features, warp_free)
+
+
+def _lengths(problem: RigProblem, state: RigState) -> list[np.ndarray]:
+    """Residual lengths (M_c,), px, of each camera; NaN where a sighting is not used."""
+    return [
+        np.where(view.observations.weights > 0, np.hypot(*error.T), np.nan)
+        for view, error in zip(problem.views, rig_residuals(problem, state), strict=True)
+    ]
+
+
+def _spread(problem: RigProblem, state: RigState) -> float:
+    lengths = np.concatenate(_lengths(problem, state))
+    return max(robust_spread(lengths[np.isfinite(lengths)]), _LEAST_SPREAD)
+
+
+def _loss(problem: RigProblem, state: RigState, kind: str) -> Loss:
+    return Loss(kind, (2.0 if kind == "cauchy" else _HUBER) * _spread(problem, state))
+
+
+def _without_wrong_views(assembly: Assembly, problem: RigProblem, state: RigState, least: int):
+    """Leave out views whose points are all off: the target had moved, or it was not the target."""
+    limit = _WRONG_VIEW * _spread(problem, state)
+    moments, wrong = assembly.moments.copy(), []
+    for camera, lengths in enumerate(_lengths(problem, state)):
+        image_index = assembly.observations[camera].image_index
+        for row in np.flatnonzero(moments[:, camera] >= 0):
+            of_view = lengths[image_index == moments[row, camera]]
+            of_view = of_view[np.isfinite(of_view)]
+            if len(of_view) == 0 or np.median(of_view) > limit:
+                wrong.append((camera, int(moments[row, camera])))
+                moments[row, camera] = -1
+    kept = (moments >= 0).sum(axis=1) >= least
+    assembly = replace(
+        assembly, moments=moments[kept], reference_from_target=assembly.reference_from_target[kept]
+    )
+    state = replace(state, reference_from_target=state.reference_from_target[kept])
+    for camera in range(moments.shape[1]):
+        if not (assembly.moments[:, camera] >= 0).any():
+            raise CalibrationError("the common views contradict each other: were all cameras fixed to one another?")
+    return assembly, state, tuple(wrong)
+
+
+def _result(
+    cameras: Sequence[RigCamera],
+    assembly: Assembly,
+    problem: RigProblem,
+    found: Minimum[RigState],
+    wrong: tuple[tuple[int, int], ...],
+    covariances,
+) -> RigCalibration:
+    state = found.state
+    lengths = [one[np.isfinite(one)] for one in _lengths(problem, state)]
+    points = sum(len(one) for one in lengths)
+    unknowns = problem.shared_size + 6 * problem.moment_count
+    variance = 2 * found.equations.cost / max(2 * points - unknowns, 1)
+    known = [None] * len(cameras) if covariances is None else covariances
+    covariance = pose_covariance(problem, state, variance, known)
+    of_poses = np.zeros((len(cameras), 6, 6))
+    for camera in range(1, len(cameras)):
+        block = slice(6 * (camera - 1), 6 * camera)
+        of_poses[camera] = of_inverse(state.camera_from_reference[camera], covariance[block, block])
+    seen = assembly.moments >= 0
+    pairs = tuple(
+        RigPair(a, b, int((seen[:, a] & seen[:, b]).sum()), pair.disagreement)
+        for (a, b), pair in sorted(assembly.pairs.items())
+    )
+    names = [one.observations.image_names for one in cameras]
+    return RigCalibration(
+        names=tuple(one.name for one in cameras),
+        cameras=state.cameras,
+        reference_from_camera=np.linalg.inv(state.camera_from_reference),
+        covariance=of_poses,
+        paths=tuple(assembly.chains.path(camera) for camera in range(len(cameras))),
+        pairs=pairs,
+        moments=len(assembly.moments),
+        views=tuple(int(count) for count in seen.sum(axis=0)),
+        rms_px=float(np.sqrt((np.concatenate(lengths) ** 2).mean())),
+        camera_rms_px=tuple(float(np.sqrt((one**2).mean())) for one in lengths),
+        left_out=tuple((camera, names[camera][image]) for camera, image in (*assembly.left_out, *wrong)),
+        board_warp=state.board_warp,
+        converged=found.converged,
+    )

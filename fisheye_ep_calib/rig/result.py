@@ -1,0 +1,58 @@
+"""What a rig calibration gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fisheye_ep_calib.camera import FisheyeCamera
+
+
+@dataclass(frozen=True)
+class RigPair:
+    """Two cameras, by number, that see the target together in ``views`` moments.
+
+    disagreement: RMS between their own poses of the target before the adjustment, as a fraction of its distance.
+    """
+
+    a: int
+    b: int
+    views: int
+    disagreement: float
+
+
+@dataclass(frozen=True)
+class RigCalibration:
+    """Cameras in the frame of the first, the reference.
+
+    reference_from_camera (C, 4, 4): metres. covariance (C, 6, 6): of the steps (ω, δ) of R ← exp(ω) R, t ← t + δ,
+    rad and metres; zero for the reference. paths: the chain of overlaps from the reference to each camera.
+    moments: times at which two cameras or more saw the target (one, where the cameras were refined too).
+    views, camera_rms_px: by camera. left_out: (camera, image name) that fit no one position of the target.
+    board_warp (3,): metres.
+    """
+
+    names: tuple[str, ...]
+    cameras: tuple[FisheyeCamera, ...]
+    reference_from_camera: np.ndarray
+    covariance: np.ndarray
+    paths: tuple[tuple[int, ...], ...]
+    pairs: tuple[RigPair, ...]
+    moments: int
+    views: tuple[int, ...]
+    rms_px: float
+    camera_rms_px: tuple[float, ...]
+    left_out: tuple[tuple[int, str], ...]
+    board_warp: np.ndarray
+    converged: bool
+
+    @property
+    def rotation_sigma(self) -> np.ndarray:
+        """1σ (C, 3) of each camera's orientation about the reference's axes, rad."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2)[:, :3], 0))
+
+    @property
+    def position_sigma(self) -> np.ndarray:
+        """1σ (C, 3) of each camera's position, metres."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2)[:, 3:], 0))

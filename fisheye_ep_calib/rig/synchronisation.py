@@ -1,0 +1,61 @@
+"""Which images of several cameras were taken at the same time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from fisheye_ep_calib.errors import InputError
+
+_STAMP = re.compile(r"(\d{1,11})\.(\d{9})")  # what the images of a recording are called: seconds.nanoseconds
+
+
+def simultaneous(stamps_ns: Sequence[np.ndarray], tolerance_ns: int) -> np.ndarray:
+    """Moments (m, cameras) int, in the order of time: the image of each camera, or −1 where it has none.
+
+    stamps_ns: of each camera's images (V_c,), any order. Images of a moment lie within the tolerance, one a camera
+    at most. The nearest neighbours in time are joined first, so that a wide tolerance does not pair the wrong ones.
+    """
+    camera = np.concatenate([np.full(len(stamps), number) for number, stamps in enumerate(stamps_ns)]).astype(int)
+    image = np.concatenate([np.arange(len(stamps)) for stamps in stamps_ns]).astype(int)
+    stamp = np.concatenate([np.asarray(stamps, dtype=np.int64) for stamps in stamps_ns])
+    order = np.argsort(stamp, kind="stable")
+    camera, image, stamp = camera[order], image[order], stamp[order]
+    # Moments are runs of the sorted images: first[i] and last[i] are kept for the ends of each run.
+    first, last = np.arange(len(stamp)), np.arange(len(stamp))
+    gap = np.diff(stamp)
+    for left in np.argsort(gap, kind="stable"):
+        if gap[left] > tolerance_ns:
+            break
+        start, end = first[left], last[left + 1]
+        cameras = camera[start : end + 1]
+        if stamp[end] - stamp[start] <= tolerance_ns and len(np.unique(cameras)) == len(cameras):
+            first[end], last[start] = start, end
+    moments, start = [], 0
+    while start < len(stamp):
+        moment = np.full(len(stamps_ns), -1)
+        moment[camera[start : last[start] + 1]] = image[start : last[start] + 1]
+        moments.append(moment)
+        start = last[start] + 1
+    return np.array(moments, dtype=int).reshape(-1, len(stamps_ns))
+
+
+def nearest_ns(one: np.ndarray, other: np.ndarray) -> int:
+    """The least time between images of two cameras (n,), (m,); both not empty."""
+    one, other = np.sort(np.asarray(one, dtype=np.int64)), np.asarray(other, dtype=np.int64)
+    place = np.searchsorted(one, other)
+    before, after = one[np.maximum(place - 1, 0)], one[np.minimum(place, len(one) - 1)]
+    return int(np.minimum(np.abs(other - before), np.abs(after - other)).min())
+
+
+def stamps_of_names(names: Sequence[str]) -> np.ndarray:
+    """Nanoseconds (V,) from images' names as recordings give them, seconds.nanoseconds. Raises InputError."""
+    stamps = []
+    for name in names:
+        found = _STAMP.fullmatch(name)
+        if found is None:
+            raise InputError(f"image {name!r} is not named by its time, so it cannot be matched with other cameras")
+        stamps.append(int(found[1]) * 10**9 + int(found[2]))
+    return np.array(stamps, dtype=np.int64)
