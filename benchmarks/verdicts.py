@@ -109,8 +109,8 @@ def train_test_table(observations: Observations) -> str:
                 str(len(whole.rejected)),
             )
         )
-    header = ("model", "flat board", "with its bow", "training images", "test images", "bow, mm", "E(80°), mm", "points cut")
-    return markdown(header, rows)
+    fitted = ("model", "flat board", "with its bow", "training images", "test images")
+    return markdown((*fitted, "bow, mm", "E(80°), mm", "points cut"), rows)
 
 
 def main() -> None:
