@@ -78,6 +78,7 @@ def complete_corners(
             break
         pixels, jacobian, fresh = _next_round(points, pixels, jacobian, found, tried, step)
     if found.sum() >= NEAR:
+        found = _consistent(points, pixels, found)
         found &= _measure_again(image, points, pixels, found, around)
     return pixels, found
 
@@ -95,6 +96,28 @@ def _next_round(points, pixels, jacobian, found, tried, step: float):
     return pixels, jacobian, fresh
 
 
+def _consistent(points: np.ndarray, pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """The found features (n,) without those that do not lie where the ones around them say.
+
+    One wrong feature makes its neighbours look wrong too: only the worst of each neighbourhood goes, time and again.
+    """
+    found = found.copy()
+    for _ in range(MOST_ROUNDS):
+        index = np.flatnonzero(found)
+        if len(index) < 2 * NEAR:
+            break
+        where, _, _ = local_quadratics(points[index], pixels[index], points[index], others=True)
+        rest = np.hypot(*(where - pixels[index]).T)
+        _, near = cKDTree(points[index]).query(points[index], k=NEAR)
+        pitch = np.hypot(*(pixels[index[near[:, 1]]] - pixels[index]).T)
+        worst = rest >= rest[near].max(axis=1)
+        bad = worst & (rest > np.maximum(6 * np.median(rest), 0.15 * pitch))
+        if not bad.any():
+            break
+        found[index[bad]] = False
+    return found
+
+
 def _measure_again(image, points, pixels, found, around) -> np.ndarray:
     """Measure the found features once more, now with the lens's bend about each; writes ``pixels`` (n, 2)."""
     index = np.flatnonzero(found)
@@ -108,15 +131,17 @@ def _measure_again(image, points, pixels, found, around) -> np.ndarray:
 
 
 def local_quadratics(
-    known: np.ndarray, pixels: np.ndarray, wanted: np.ndarray
+    known: np.ndarray, pixels: np.ndarray, wanted: np.ndarray, others: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values, first and second derivatives at points wanted (m, 2) of quadratics through what is known nearby.
 
     known (k, 2): metres, with pixels (k, 2). Returns pixels (m, 2), pixels per metre (m, 2, 2), and second derivatives
-    (m, 2, 3) for xx, xy, yy. Fitted by least squares to the nearest sixteen; fewer than eight make it a plane.
+    (m, 2, 3) for xx, xy, yy. Fitted by least squares to the nearest sixteen; fewer than eight make it a plane. others:
+    wanted are the known points themselves, each to be told by the others.
     """
-    count = min(16, len(known))
-    distance, near = cKDTree(known).query(wanted, k=count)
+    count = min(16, len(known) - others)
+    distance, near = cKDTree(known).query(wanted, k=count + others)
+    distance, near = distance[:, int(others) :], near[:, int(others) :]
     offset = known[near] - wanted[:, None]
     scale = distance.max(axis=1)[:, None] + 1e-9
     x, y = offset[..., 0] / scale, offset[..., 1] / scale

@@ -10,6 +10,8 @@ import numpy as np
 from fisheye_ep_calib.target.aruco import require_aruco
 
 SEARCH_SIDE = 1400
+MOSTLY_FOUND = 0.9
+SMALLEST_CELL = 1.4
 
 
 @dataclass(frozen=True)
@@ -35,16 +37,20 @@ def find_markers(image: np.ndarray, dictionary, border: int, known: int, what: s
     settings.adaptiveThreshWinSizeMin = 5
     settings.adaptiveThreshWinSizeMax = 63
     settings.adaptiveThreshWinSizeStep = 14
-    settings.minMarkerPerimeterRate = 0.008
     settings.polygonalApproxAccuracyRate = 0.06
     settings.markerBorderBits = border
     settings.perspectiveRemovePixelPerCell = 6
     settings.cornerRefinementMethod = module.CORNER_REFINE_NONE
-    finder = module.ArucoDetector(dictionary, settings)
-    found = [_run(finder, image, factor) for factor in _factors(image)]
-    identity = np.concatenate([part[0] for part in found])
-    corners = np.concatenate([part[1] for part in found])
-    rejected = np.concatenate([part[2] for part in found])
+    cells = dictionary.markerSize + 2 * border
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for factor in _factors(image):
+        # Markers too small to be read are not worth a look; in a textured background there are very many.
+        side = max(image.shape) / factor
+        settings.minMarkerPerimeterRate = min(4 * SMALLEST_CELL * cells / side, 0.5)
+        found.append(_run(module.ArucoDetector(dictionary, settings), image, factor))
+        if len(np.intersect1d(found[-1][0], np.arange(known))) >= MOSTLY_FOUND * known:
+            break
+    identity, corners, rejected = (np.concatenate(parts) for parts in zip(*found, strict=True))
     keep = np.zeros(len(identity), dtype=bool)
     for number in np.unique(identity[identity < known]):
         same = np.flatnonzero(identity == number)
@@ -56,7 +62,7 @@ def find_markers(image: np.ndarray, dictionary, border: int, known: int, what: s
 
 
 def _factors(image: np.ndarray) -> tuple[int, ...]:
-    """Reductions to search at; the last one, the full size, gives the best corners."""
+    """Reductions to search at: a smaller image first, where the background has fewer candidates."""
     return (2, 1) if max(image.shape) > SEARCH_SIDE else (1,)
 
 
