@@ -95,21 +95,28 @@ def camera_difference(
 def points_over_image(
     camera: FisheyeCamera, distance_m: Sequence[float], grid: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels (n, 2) on a grid over the known field, their angles (n,), the points seen there (d, n, 3) and validity.
-
-    Each point lies at its distance from the camera frame's origin: |o + t d| = D, t > 0.
-    """
+    """Pixels (n, 2) on a grid over the known field, their angles (n,), the points seen there (d, n, 3) and validity."""
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, grid), np.linspace(0, height - 1, grid))
     pixels = np.stack([u.ravel(), v.ravel()], axis=-1)
     origins, directions, valid = camera.unproject(pixels)
     pixels, origins, directions = pixels[valid], origins[valid], directions[valid]
-    distance = np.minimum(np.asarray(distance_m, dtype=float), _FAR)[:, None]
+    points, seen = points_on_rays(origins, directions, np.asarray(distance_m, dtype=float)[:, None])
+    theta = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
+    return pixels, theta, points, seen
+
+
+def points_on_rays(
+    origins: np.ndarray, directions: np.ndarray, distance_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (..., 3) of rays (..., 3) at distances (...) from the frame's origin, and whether there is one.
+
+    |o + t d| = D with t > 0; infinity is taken as very far.
+    """
+    distance = np.minimum(distance_m, _FAR)
     along = (origins * directions).sum(axis=-1)
     square = along**2 + distance**2 - (origins**2).sum(axis=-1)
-    points = origins + (np.sqrt(np.maximum(square, 0)) - along)[..., None] * directions
-    theta = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
-    return pixels, theta, points, square > 0
+    return origins + (np.sqrt(np.maximum(square, 0)) - along)[..., None] * directions, square > 0
 
 
 def _alignment(camera, points, pixels, seen, columns: int) -> tuple[np.ndarray, np.ndarray]:

@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("the two cameras share no part of the field at these distances")
     rows = summaries(found)
     if arguments.report is not None:
-        names = f"{files[0].name} ({arguments.first})", f"{files[1].name} ({arguments.second})"
+        names = files[0].name, files[1].name
         size = files[0].camera.image_size
         write_comparison(arguments.report, names, found, arguments.align, _curves(files), size, _inputs(arguments))
     if arguments.json:
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _curves(files: tuple[CameraFile, CameraFile]):
     return tuple(
-        pupil_curve(f"{label}: {file.camera.model}", file.camera, file.covariance, angles(file.camera), label == "A")
+        pupil_curve(f"{label}: {file.camera.model}", file.camera, file.covariance, angles(file.camera), False)
         for label, file in zip("AB", files, strict=True)
     )
 

@@ -91,7 +91,8 @@ def write_evaluation_report(
         "written": now(),
         **versions(),
     }
-    page = evaluation_report(file.name, file, camera.observations, found, inputs=inputs, image=camera.image)
+    flat = not arguments.board_warp
+    page = evaluation_report(file.name, file, camera.observations, found, inputs=inputs, image=camera.image, flat=flat)
     write_report(arguments.report, [page], f"{file.name} measured on {camera.source}")
     print(f"wrote {arguments.report}", file=sys.stderr if arguments.json else sys.stdout)
 

@@ -84,9 +84,10 @@ class Coverage:
 
 @dataclass(frozen=True)
 class UncertaintyMap:
-    """1σ in px per axis, sigma_px (rows, columns), over the image, for points at a distance in metres."""
+    """1σ in px per axis, sigma_px (angles, azimuths), at pixels (angles, azimuths, 2), for points at a distance."""
 
     distance_m: float
+    pixels: np.ndarray
     sigma_px: np.ndarray
 
 

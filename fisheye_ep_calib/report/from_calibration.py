@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations
-from fisheye_ep_calib.calibration.camera_difference import points_over_image
+from fisheye_ep_calib.calibration.camera_difference import points_on_rays
 from fisheye_ep_calib.calibration.uncertainty import projection_uncertainty
 from fisheye_ep_calib.report.data import (
     CameraReport,
@@ -23,7 +23,7 @@ from fisheye_ep_calib.report.models import compared_models, lens_curve, near_far
 from fisheye_ep_calib.report.pictures import BUDGET, with_pictures
 from fisheye_ep_calib.report.verdict import calibration_verdict
 
-_MAP_COLUMNS = 72
+_MAP_RINGS, _MAP_SECTORS = 40, 73
 
 
 def calibration_report(
@@ -117,15 +117,18 @@ def _facts(result: CalibrationResult) -> dict[str, str]:
 
 
 def _uncertainty_maps(result: CalibrationResult, recorded: float) -> tuple[UncertaintyMap, ...]:
-    """At the distance that was recorded and at infinity."""
-    width, height = result.camera.image_size
+    """At the distance that was recorded and at infinity; a map follows rings of equal angle."""
+    camera = result.camera
+    theta, azimuth = np.meshgrid(
+        np.linspace(0, camera.theta_limit, _MAP_RINGS), np.linspace(0, 2 * np.pi, _MAP_SECTORS), indexing="ij"
+    )
+    directions = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], axis=-1)
+    origins = np.zeros_like(directions)
+    origins[..., 2] = -camera.entrance_pupil(theta)
     maps = []
     for distance in (recorded, np.inf):
-        pixels, _, points, seen = points_over_image(result.camera, (distance,), _MAP_COLUMNS)
-        sigma = projection_uncertainty(result.camera, result.uncertainty, result.fit.problem.free, points[0])
-        column = np.round(pixels[:, 0] / max(width - 1, 1) * (_MAP_COLUMNS - 1)).astype(int)
-        row = np.round(pixels[:, 1] / max(height - 1, 1) * (_MAP_COLUMNS - 1)).astype(int)
-        image = np.full((_MAP_COLUMNS, _MAP_COLUMNS), np.nan)
-        image[row, column] = np.where(seen[0], sigma, np.nan)
-        maps.append(UncertaintyMap(float(distance), image))
+        points, seen = points_on_rays(origins, directions, np.full(theta.shape, distance))
+        pixels, _ = camera.project(points)
+        sigma = projection_uncertainty(camera, result.uncertainty, result.fit.problem.free, points)
+        maps.append(UncertaintyMap(float(distance), pixels, np.where(seen, sigma, np.nan)))
     return tuple(maps)

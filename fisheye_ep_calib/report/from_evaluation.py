@@ -37,16 +37,20 @@ def evaluation_report(
     *,
     inputs: dict[str, str] | None = None,
     image: Callable[[int], np.ndarray] | None = None,
+    flat: bool = True,
     picture_budget: int = BUDGET,
 ) -> CameraReport:
-    """file: the camera that was measured. observations: on which. image: of an image's number."""
+    """file: the camera that was measured. observations: on which. image: of an image's number.
+
+    flat: the target was taken as flat, whatever bow the file knows of.
+    """
     used = np.isfinite(found.error[:, 0]) & (observations.weights > 0) & np.isin(observations.image_index, found.images)
     residuals = residuals_of(observations, found.images, found.camera_from_target, found.error, found.theta, used)
     images = [int(number) for number in found.images]
     views = views_of([observations.image_names[number] for number in images], residuals)
     if image is not None:
         views = with_pictures(views, images, image, picture_budget)
-    findings = _findings(file, residuals, found)
+    findings = _findings(file, residuals, found, flat)
     camera, table = file.camera, file.projection_uncertainty
     return CameraReport(
         name=name,
@@ -111,8 +115,12 @@ def _level(ratio: float, concerns: bool) -> tuple[str, str]:
     return GOOD, "The camera holds on this recording."
 
 
-def _findings(file: CameraFile, residuals: Residuals, found: Evaluation) -> tuple[Finding, ...]:
+def _findings(file: CameraFile, residuals: Residuals, found: Evaluation, flat: bool) -> tuple[Finding, ...]:
     findings = [_beyond_evidence(file, residuals), *_near_against_far(residuals)]
+    bow = 1e3 * float(np.abs(file.board_warp).max())
+    if flat and bow > 0:
+        said = f"the target of the calibration is bent by {bow:.2f} mm; if this is the same one, give --board-warp"
+        findings.append(Finding("the target's bow", {"bow_mm": bow}, True, said))
     if found.failed:
         count = len(found.failed)
         findings.append(

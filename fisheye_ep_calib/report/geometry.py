@@ -71,7 +71,7 @@ def coverage_of(residuals: Residuals, camera: FisheyeCamera) -> Coverage:
 
 def _reachable(camera: FisheyeCamera, rings: int) -> np.ndarray:
     """bool (rings, SECTORS): whether the middle of the cell lies in the image."""
-    theta = np.minimum(np.radians(RING_DEGREES * (np.arange(rings) + 0.5)), camera.theta_limit)
+    theta = np.radians(RING_DEGREES * (np.arange(rings) + 0.5))
     theta, azimuth = np.meshgrid(theta, 2 * np.pi * np.arange(SECTORS) / SECTORS, indexing="ij")
     directions = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], -1)
     pixels, valid = camera.project(directions * _FAR)

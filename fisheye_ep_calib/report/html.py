@@ -32,12 +32,16 @@ def report_html(cameras: Sequence[CameraReport], title: str = "") -> str:
     for number, camera in enumerate(cameras):
         prefix = f"camera-{number + 1}"
         overlays, magnified = overlays_of(camera)
+        sections = panels_of(camera, prefix)
         order = sorted(range(len(camera.views)), key=lambda row: -_or_infinite(camera.views[row].rms_px))
         pages.append(
             {
                 "prefix": prefix,
                 "camera": camera,
-                "sections": panels_of(camera, prefix),
+                "sections": sections,
+                "stand_in_drawn": any(
+                    panel.identity == f"{prefix}-stand-in" for panels in sections.values() for panel in panels
+                ),
                 "views": [(camera.views[row], overlays[row]) for row in order],
                 "magnified": magnified,
             }

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from fisheye_ep_calib.report.data import CameraReport
 from fisheye_ep_calib.report.figures.coverage import coverage_figure, distance_figure, uncertainty_figure
 from fisheye_ep_calib.report.figures.curves import lens_figure, near_far_figure, pupil_figure, stand_in_figure
@@ -131,13 +129,12 @@ def _uncertainty_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
     for number, one in enumerate(camera.uncertainty_maps):
         identity = f"{prefix}-uncertainty-{number}"
         where = distance_text(one.distance_m)
-        largest = f"; at most {np.nanmax(one.sigma_px):.2g} px" if np.isfinite(one.sigma_px).any() else ""
         panels.append(
             Panel(
                 identity,
                 f"Projection uncertainty at {where}",
                 uncertainty_figure(one, camera.image_size, identity),
-                f"Where noise alone may have moved a projected point, 1σ per axis{largest}. "
+                "Where noise alone may have moved a projected point, 1σ per axis. "
                 "It knows nothing of errors of the model.",
             )
         )

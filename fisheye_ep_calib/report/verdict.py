@@ -61,13 +61,13 @@ def _uncertainty_sentences(table: ProjectionTable) -> list[str]:
         return []
     inner, outer = min(3, len(table.theta_deg) - 1), len(table.theta_deg) - 1
     near, far = 0, int(np.argmax(table.distance_m))
+    degrees = [f"{table.theta_deg[row]:.0f}°" for row in (inner, outer)]
     said = [
-        f"at {distance_text(table.distance_m[column])} by {table.sigma_px[inner, column]:.2f} px "
-        f"{table.theta_deg[inner]:.0f}° off the axis and {table.sigma_px[outer, column]:.2f} px at "
-        f"{table.theta_deg[outer]:.0f}°"
+        f"at {distance_text(table.distance_m[column])} by {table.sigma_px[inner, column]:.2g} px {degrees[0]} off the "
+        f"axis and by {table.sigma_px[outer, column]:.2g} px at {degrees[1]}"
         for column in (near, far)
     ]
-    return [f"Noise alone leaves a projected point uncertain (1σ): {said[0]}; {said[1]}."]
+    return [f"Noise alone (1σ) moves a projected point {said[0]}; {said[1]}."]
 
 
 def distance_text(distance_m: float) -> str:

@@ -40,7 +40,7 @@ class HeadlessBrowser:
         to_browser, self._out = os.pipe()
         self._in, from_browser = os.pipe()
         self._process = subprocess.Popen(
-            # The pipe is file descriptors 3 and 4 of the browser; parked high first, lest one overwrite the other.
+            # The browser reads file descriptor 3 and writes 4.
             ["bash", "-c", f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}', executable, *_OPTIONS]
             + [f"--user-data-dir={self._profile}", "about:blank"],
             pass_fds=(to_browser, from_browser),

@@ -70,14 +70,14 @@ def distance_figure(residuals: Residuals, identity: str) -> str:
 def uncertainty_figure(found: UncertaintyMap, size: tuple[int, int], identity: str) -> str:
     """1σ in px over the image, for points at one distance."""
     width, height = size
+    inside = ((found.pixels >= -0.5) & (found.pixels <= np.array(size) - 0.5)).all(axis=-1)
     sigma = np.ma.masked_invalid(found.sigma_px)
 
     def draw(figure: Figure) -> None:
         axes = figure.add_subplot()
-        highest = float(np.quantile(sigma.compressed(), 0.98)) if sigma.count() else 1.0
-        u, v = (np.linspace(0, side - 1, count) for side, count in zip(size, sigma.shape[::-1], strict=True))
+        highest = float(np.quantile(sigma[inside].compressed(), 0.98)) if sigma[inside].count() else 1.0
         levels = MaxNLocator(_LEVELS).tick_values(0, max(highest, 1e-6))
-        drawn = axes.contourf(u, v, sigma, levels=levels, cmap=MAP, extend="max")
+        drawn = axes.contourf(found.pixels[..., 0], found.pixels[..., 1], sigma, levels=levels, cmap=MAP, extend="max")
         bar = figure.colorbar(drawn, ax=axes, shrink=0.85)
         bar.set_label("1σ, px per axis")
         bar.outline.set_visible(False)

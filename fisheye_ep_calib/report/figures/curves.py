@@ -24,7 +24,7 @@ def pupil_figure(models: tuple[ModelCurve, ...], identity: str) -> str:
             color, dashes = SERIES[number % len(SERIES)], _DASHES[number % len(_DASHES)]
             label = f"{model.name} (chosen)" if model.chosen and len(models) > 1 else model.name
             axes.fill_between(degrees, shift - sigma, shift + sigma, color=color, alpha=0.22, lw=0)
-            axes.plot(degrees, shift, color=color, ls=dashes, lw=2.2 if model.chosen else 1.4, label=label)
+            axes.plot(degrees, shift, color=color, ls=dashes, lw=2.2 if model.chosen else 1.5, label=label)
             reach = np.minimum(sigma, max(np.ptp(shift), 0.05))
             lowest.append(float((shift - reach).min()))
             highest.append(float((shift + reach).max()))

@@ -1,0 +1,122 @@
+"""The page is one file, escapes what comes from outside and says what the result says."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import pyplot
+
+from fisheye_ep_calib import calibrate
+from fisheye_ep_calib.report.from_calibration import calibration_report
+from fisheye_ep_calib.report.html import report_html, write_report
+
+
+class Page(HTMLParser):
+    """Tags, ids and text of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict]] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes) -> None:
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_data(self, data) -> None:
+        self.text += data
+
+    def values(self, attribute: str) -> list[str]:
+        return [found[attribute] for _, found in self.tags if attribute in found]
+
+
+@pytest.fixture(scope="module")
+def page(text) -> Page:
+    return Page(text)
+
+
+def test_names_from_outside_stay_text(page, report):
+    assert report.name in page.text
+    assert not [tag for tag, found in page.tags if found.get("src") == "x" or "onerror" in found]
+    for view in report.views:
+        assert view.name in page.text
+
+
+def test_nothing_is_loaded_from_elsewhere(page):
+    assert all(url.startswith("#") for url in page.values("href"))
+    assert all(url.startswith("data:image/") for url in page.values("src") + page.values("xlink:href") if url[0] != "#")
+    assert not [tag for tag, found in page.tags if tag in ("link", "iframe", "object")]
+
+
+def test_ids_are_unique_and_links_lead_somewhere(page):
+    ids = page.values("id")
+    assert len(ids) == len(set(ids))
+    inside = [url[1:] for url in page.values("href") + page.values("xlink:href") if url.startswith("#")]
+    assert inside and set(inside) <= set(ids)
+    assert set(page.values("data-enlarge")) <= set(ids)
+
+
+def test_verdict_findings_and_rejected_points_are_told(page, report, result):
+    assert report.verdict.headline in page.text
+    for finding in result.diagnosis.findings:
+        assert finding.sentence in page.text
+    assert len(report.rejected) == len(result.rejected) == 3
+    assert "3 rejected points" in page.text
+    assert "1 image not used" in page.text
+
+
+def test_every_figure_is_there(page):
+    titles = re.findall(r"enlarge: ([^\"]*)", " ".join(f"{label}" for label in page.values("aria-label")))
+    said = " ".join(titles)
+    for wanted in (
+        "Entrance pupil",
+        "Lens",
+        "single viewpoint",
+        "Over the image",
+        "Against the angle",
+        "Against the distance",
+        "angle and azimuth",
+        "angle and distance",
+        "Projection uncertainty at infinity",
+        "Near against far",
+    ):
+        assert wanted in said
+
+
+def test_unreadable_picture_leaves_the_view_in_the_table(report):
+    assert [view.picture is None for view in report.views].count(True) == 1
+
+
+def test_same_report_gives_the_same_page_and_leaves_matplotlib_alone(report, text):
+    before = dict(matplotlib.rcParams)
+    assert report_html([report, replace(report, name="other")]) == text
+    assert dict(matplotlib.rcParams) == before
+    assert pyplot.get_fignums() == []
+
+
+def test_camera_without_a_pupil(observations, tmp_path):
+    result = calibrate(observations, model="kannala", skew=False)
+    report = calibration_report("plain", observations, result, "not supported")
+    assert {model.name for model in report.models} == {"kannala", "ep_even"}
+    write_report(tmp_path / "report.html", [report])
+    assert "loses less than" in Page((tmp_path / "report.html").read_text()).text
+
+
+def test_compared_models_are_the_ones_of_the_result(report, result):
+    assert {model.name: model.rms_px for model in report.models} == {
+        name: one.rms_px for name, one in result.comparison.items()
+    }
+    chosen = next(model for model in report.models if model.chosen)
+    np.testing.assert_allclose(chosen.pupil, result.camera.entrance_pupil(chosen.theta))
+
+
+def test_residuals_give_the_rms_of_the_result(report, result):
+    square = (report.residuals.error**2).sum(axis=-1)
+    assert np.sqrt(square.mean()) == pytest.approx(result.rms_px, rel=1e-9)
+    rms = [view.rms_px for view in report.views]
+    np.testing.assert_allclose(rms, result.diagnosis.view_rms_px, rtol=1e-9)
