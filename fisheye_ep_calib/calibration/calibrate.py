@@ -158,10 +158,12 @@ def _refuse_alike_views(sightings: Sightings) -> None:
 
 def _refuse_undetermined(fit: Fit) -> None:
     """Refuse a camera whose focal length the views leave open."""
-    names, values = fit.shared_parameters
-    covariance = uncertainty(fit).shared
-    sigma = np.sqrt(np.maximum(np.diag(covariance)[:1], 0))
-    if not np.isfinite(sigma).all() or sigma[0] > 0.2 * abs(values[0]):
+    _, values = fit.shared_parameters
+    try:
+        variance = float(uncertainty(fit).shared[0, 0])
+    except np.linalg.LinAlgError:
+        variance = np.inf
+    if not 0 <= variance <= (0.2 * values[0]) ** 2:
         raise CalibrationError(
             "the views do not determine the focal length (its standard deviation is over a fifth of its value): "
             "tilt the target differently between the views and show it near and far"

@@ -73,7 +73,10 @@ def _fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
     poses = fit.state.camera_from_target[~left_out]
     problem = replace(fit.problem, blocks=sightings.blocks)
     state = replace(fit.state, camera_from_target=poses)
-    step = solve_damped(equations, 1e-9)
+    try:
+        step = solve_damped(equations, 1e-9)
+    except np.linalg.LinAlgError:  # the other views alone leave something open
+        return adjust(problem, state, tolerance=1e-6)
     trial = stepped(problem, state, step)
     if trial is None or step.predicted_decrease > _FAR_STEP * equations.cost:
         return adjust(problem, state, tolerance=1e-6)

@@ -76,7 +76,10 @@ def _wald_test(rich: Fit, plain: Fit) -> float:
     views = len(rich.sightings.images)
     if views < len(tested) + _CLUSTERS_BEYOND_TERMS:
         return 0.0
-    covariance = view_robust_covariance(rich.adjustment.equations)[np.ix_(tested, tested)]
+    try:
+        covariance = view_robust_covariance(rich.adjustment.equations)[np.ix_(tested, tested)]
+    except np.linalg.LinAlgError:  # nothing is known about them
+        return 1.0
     statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
     return float(f_distribution.sf(statistic, len(tested), views - len(tested)))
 
