@@ -56,8 +56,8 @@ class Target:
         raise NotImplementedError
 
 
-def bounding_board(points: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (2,), (2,) of the board around points (n, 2 or 3) with a margin in metres."""
+def bounding_board(points: np.ndarray, margin: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (2,), (2,) of the board around points (n, 2 or 3) with a margin, metres (one, or x and y)."""
     return points[:, :2].min(axis=0) - margin, points[:, :2].max(axis=0) + margin
 
 

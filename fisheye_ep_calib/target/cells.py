@@ -110,7 +110,8 @@ def smooth(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 def is_regular(cells: np.ndarray, pixels: np.ndarray) -> bool:
     """Whether a patch is a grid seen through a lens and not a chance chain of things that lie apart alike.
 
-    It needs whole lattice squares, about one to two points, and lines that bend by a small share of the pitch only.
+    It needs whole lattice squares, about one to two points, and lines that bend by a small share of the pitch
+    only.
     """
     beside = neighbours(cells)
     right, down = beside[:, 0], beside[:, 2]
@@ -124,7 +125,8 @@ def is_regular(cells: np.ndarray, pixels: np.ndarray) -> bool:
 def extrapolate(
     cells: np.ndarray, pixels: np.ndarray, ahead: int = 1
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Free sites ``ahead`` steps from a patch: (m, 2) int, where they should lie (m, 2), and the pitch there (m,).
+    """Free sites ``ahead`` steps from a patch: (m, 2) int, where they should lie (m, 2), and the pitch there
+    (m,).
 
     Each is predicted along the lattice lines that lead to it, n steps beyond the last point a of a, b, c:
     a + n (a − b) from two points, and n (n + 1)/2 (a − 2b + c) more from three.

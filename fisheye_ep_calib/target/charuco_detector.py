@@ -50,7 +50,9 @@ class CharucoDetector:
         return find_guided(image, camera, camera_from_target, self.target.object_points, self.around)
 
 
-def finish(points: np.ndarray, pixels: np.ndarray, found: np.ndarray, missed: np.ndarray, what: str) -> Detection:
+def finish(
+    points: np.ndarray, pixels: np.ndarray, found: np.ndarray, missed: np.ndarray, what: str
+) -> Detection:
     """The detection of a board of markers from its measured corners, or why there is none."""
     if found.sum() < min(FEWEST_CORNERS, len(points)):
         reason = f"{int(found.sum())} of {len(points)} {what}" if found.any() else "board not found"

@@ -12,7 +12,8 @@ from fisheye_ep_calib.target.blobs import Blobs, find_blobs
 from fisheye_ep_calib.target.cells import is_regular, smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.disc_growth import complete_discs
-from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs, minor_axis
+from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs
+from fisheye_ep_calib.target.ellipse import minor_axis
 from fisheye_ep_calib.target.guidance import predict_discs, stays_smooth
 from fisheye_ep_calib.target.labelling import Placement, label_patch
 from fisheye_ep_calib.target.lattice import Lattice, grow_lattices

@@ -15,8 +15,9 @@ class Surroundings:
     """What is printed around n corners, metres along the target's x and y.
 
     half (n,): within it, along both edges, there are the corner's two edges and no others but those of depth.
-    bright (n,): +1 where the quadrants (+, +) and (−, −) are white, −1 where they are black. depth (n, 2): how far from
-    both edges the quadrants (+, +) and (−, −), and the other two, are plain; a marker may begin there.
+    bright (n,): +1 where the quadrants (+, +) and (−, −) are white, −1 where they are black. depth (n, 2):
+    how far from both edges the quadrants (+, +) and (−, −), and the other two, are plain; a marker may begin
+    there.
     """
 
     half: np.ndarray
@@ -37,7 +38,8 @@ def measure_corners(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners near start (k, 2): their pixels (k, 2), and whether each is one, of the right colours (k,).
 
-    jacobian (k, 2, 2): pixels per metre. bend (k, 2, 3): second derivatives of the pixel for steps of around.half.
+    jacobian (k, 2, 2): pixels per metre. bend (k, 2, 3): second derivatives of the pixel for steps of
+    around.half.
     """
     axes = around.half[:, None, None] * jacobian
     clear = np.minimum(around.half, around.depth.min(axis=1))

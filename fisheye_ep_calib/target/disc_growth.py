@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fisheye_ep_calib.target.cells import extrapolate
-from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs, minor_axis
+from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs
+from fisheye_ep_calib.target.ellipse import minor_axis
 
 MOST_ROUNDS = 40
 FARTHEST = 3
@@ -45,7 +46,9 @@ def complete_discs(
 def _fresh_sites(
     cells: np.ndarray, pixels: np.ndarray, taken: set[tuple[int, int]], longest: int, ahead: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sites (m, 2) that were not tried and leave the patch no longer than the target, and their pixels (m, 2)."""
+    """Sites (m, 2) that were not tried and leave the patch no longer than the target, and their pixels (m,
+    2).
+    """
     sites, where, _ = extrapolate(cells, pixels, ahead)
     extent = np.maximum(sites, cells.max(axis=0)) - np.minimum(sites, cells.min(axis=0)) + 1
     fresh = np.array([tuple(site) not in taken for site in sites.tolist()], dtype=bool)
@@ -54,7 +57,9 @@ def _fresh_sites(
 
 
 def _belongs(found: Measurement, where: np.ndarray, shape: np.ndarray, contrast: float) -> np.ndarray:
-    """Whether each disc is seen whole, near where it should be (m, 2), and of the size and contrast of its like."""
+    """Whether each disc is seen whole, near where it should be (m, 2), and of the size and contrast of its
+    like.
+    """
     near = np.hypot(*(found.center - where).T) < 0.7 * minor_axis(shape)
     alike = np.abs(np.log(np.linalg.det(found.shape) / np.linalg.det(shape))) < 0.8
     return found.good & near & alike & (found.contrast > 0.4 * contrast)

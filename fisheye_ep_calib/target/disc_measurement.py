@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from fisheye_ep_calib.target.pixel_patches import PixelPatches, fit_planes
+from fisheye_ep_calib.target.disc_levels import Levels, height, measure_levels
+from fisheye_ep_calib.target.ellipse import EllipsePosition, half_box, major_axis, minor_axis
+from fisheye_ep_calib.target.pixel_patches import PixelPatches
 
 SECTORS = 12
-RING_REACH = 2.2
 FIRST_BLUR = 1.0
 LEAST_CONTRAST = 8.0
-SMALL_DISC = 10.0
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,9 @@ class Measurement:
 
     @property
     def size_error(self) -> np.ndarray:
-        """What ``log_radius_ratio`` may err (k,): something that hides more moves the centre by over a tenth of a pixel."""
+        """What ``log_radius_ratio`` may err (k,): something that hides more moves the centre by over a tenth
+        of a pixel.
+        """
         return 0.003 + 0.1 / np.maximum(minor_axis(self.shape), 1)
 
     def __getitem__(self, chosen: np.ndarray) -> Measurement:
@@ -96,75 +97,17 @@ def measure_discs(
     return state
 
 
-def minor_axis(shape: np.ndarray) -> np.ndarray:
-    """Minor semi-axes (k,) of ellipse matrices (k, 2, 2)."""
-    xx, xy, yy = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
-    return np.sqrt(np.maximum((xx + yy) / 2 - np.sqrt((xx - yy) ** 2 / 4 + xy**2), 0))
-
-
-def major_axis(shape: np.ndarray) -> np.ndarray:
-    """Major semi-axes (k,) of ellipse matrices (k, 2, 2)."""
-    xx, xy, yy = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
-    return np.sqrt(np.maximum((xx + yy) / 2 + np.sqrt((xx - yy) ** 2 / 4 + xy**2), 0))
-
-
-def _half_box(shape: np.ndarray) -> np.ndarray:
-    """Half width and height (k, 2) of each ellipse's bounding box."""
-    return np.sqrt(np.maximum(np.diagonal(shape, axis1=1, axis2=2), 0))
-
-
 def _plausible(image: np.ndarray, state: Measurement) -> np.ndarray:
     """Whether each ellipse is one and lies inside the image, its edge included."""
     center, shape = state.center, state.shape
     finite = np.isfinite(center).all(axis=1) & np.isfinite(shape).all(axis=(1, 2))
-    reach = _half_box(shape) + 1.0
+    reach = half_box(shape) + 1.0
     height, width = image.shape
     inside = (center - reach >= -0.5).all(axis=1) & (center + reach <= [width - 0.5, height - 0.5]).all(
         axis=1
     )
     sized = (minor_axis(shape) > 1.0) & (reach.max(axis=1) < 0.5 * max(height, width))
     return finite & inside & sized
-
-
-@dataclass(frozen=True)
-class _Levels:
-    """Brightness of the board, plane, and of the discs, dark_plane, as planes (d, 3) about the discs' centres.
-
-    noise (d,): of the board. sound (d,): enough of board and disc is seen.
-    """
-
-    plane: np.ndarray
-    dark_plane: np.ndarray
-    noise: np.ndarray
-    sound: np.ndarray
-
-    @property
-    def contrast(self) -> np.ndarray:
-        return self.plane[:, 0] - self.dark_plane[:, 0]
-
-
-@dataclass(frozen=True)
-class _Ellipse:
-    """Where the pixels of patches lie about their ellipses.
-
-    radius (p,): s = √(x' shape⁻¹ x), 1 on the edge. distance (p,): outwards from the edge, pixels, (s − 1) /
-    |∇s|. gradient_x, gradient_y (p,): shape⁻¹ x.
-    """
-
-    radius: np.ndarray
-    distance: np.ndarray
-    gradient_x: np.ndarray
-    gradient_y: np.ndarray
-
-    @staticmethod
-    def of(patches: PixelPatches, shape: np.ndarray) -> _Ellipse:
-        inverse = np.linalg.inv(shape).astype(np.float32)
-        size = np.diff(np.append(patches.start, len(patches.x)))
-        xx, xy, yy = (np.repeat(inverse[:, i, j], size) for i, j in ((0, 0), (0, 1), (1, 1)))
-        gradient_x, gradient_y = xx * patches.x + xy * patches.y, xy * patches.x + yy * patches.y
-        radius = np.sqrt(patches.x * gradient_x + patches.y * gradient_y)
-        slope = np.sqrt(gradient_x**2 + gradient_y**2) / np.maximum(radius, 1e-6)
-        return _Ellipse(radius, (radius - 1) / np.maximum(slope, 1e-6), gradient_x, gradient_y)
 
 
 def _measure_once(
@@ -174,10 +117,10 @@ def _measure_once(
     each pixel.
     """
     shape = state.shape
-    levels = _levels(image, state, hole, ratio)
+    levels = measure_levels(image, state.center, shape, state.blur, hole, ratio)
     band = 1.6 * state.blur + 0.7 + 0.01 * major_axis(shape)
-    patches = PixelPatches.cut(image, state.center, _half_box(shape) + band[:, None] + 1.5)
-    ellipse = _Ellipse.of(patches, shape)
+    patches = PixelPatches.cut(image, state.center, half_box(shape) + band[:, None] + 1.5)
+    ellipse = EllipsePosition.of(patches, shape)
     weight = _dark_share(patches, levels)
 
     inner = ellipse.distance < -band[patches.owner]
@@ -204,84 +147,10 @@ def _measure_once(
     return Measurement(center, new_shape, good, blur, levels.contrast, area_ratio)
 
 
-def _dark_share(patches: PixelPatches, levels: _Levels) -> np.ndarray:
+def _dark_share(patches: PixelPatches, levels: Levels) -> np.ndarray:
     """How much of each pixel (p,) is disc: (ground − I) / (ground − disc)."""
-    light, dark = _height(levels.plane, patches), _height(levels.dark_plane, patches)
+    light, dark = height(levels.plane, patches), height(levels.dark_plane, patches)
     return (light - patches.value) / np.maximum(light - dark, 1)
-
-
-def _height(plane: np.ndarray, patches: PixelPatches) -> np.ndarray:
-    """Values (p,) at the pixels of planes (d, 3)."""
-    plane = plane.astype(np.float32)[patches.owner]
-    return plane[:, 0] + plane[:, 1] * patches.x + plane[:, 2] * patches.y
-
-
-def _levels(image: np.ndarray, state: Measurement, hole: np.ndarray, ratio: float) -> _Levels:
-    """The board's brightness as a plane through a ring around each disc, other discs and occluders cut off.
-    """
-    shape = state.shape
-    band = 2.0 * state.blur + 0.7
-    # Near the edge, where the ground counts, but wide enough for a small disc.
-    reach = 1 + np.maximum(0.15, (band + 9.0) / np.maximum(minor_axis(shape), 1))
-    reach = np.minimum(reach, min(RING_REACH, max(ratio - 0.8, 1.3)))
-    stride = np.maximum(1, (major_axis(shape) / 10).astype(int))
-    patches = PixelPatches.cut(image, state.center, reach[:, None] * _half_box(shape) + 2.0, stride)
-    ellipse = _Ellipse.of(patches, shape)
-    core = (ellipse.distance < -band[patches.owner]) | (ellipse.radius < 0.5)
-    if (hole > 0).any():
-        core = (ellipse.radius < 0.8) & (ellipse.radius > np.where(hole > 0, hole + 0.15, -1)[patches.owner])
-    dark = patches.mean(patches.value, core)
-    ring = (ellipse.distance > band[patches.owner]) & (ellipse.radius < reach.astype(np.float32)[patches.owner])
-    total = np.maximum(patches.sum(ring), 1)
-    light = patches.mean(patches.value, ring)
-    bright = patches.value > (0.5 * (light + dark)).astype(np.float32)[patches.owner]
-    light = patches.mean(patches.value, ring & bright)
-
-    plane = np.stack([light, *np.zeros((2, len(patches)))], axis=-1)
-    noise = np.zeros(len(patches))
-    kept = ring
-    spread = patches.sum(ring * (patches.x**2 + patches.y**2)) / 2
-    trust = _trust(shape)
-    # Other discs and occluders are cut off: what is darker than the board, more closely each time.
-    for share in (0.5, 0.75, 0.88, None):
-        rest = patches.value - _height(plane, patches)
-        if share is None:
-            kept = kept & (np.abs(rest) < np.maximum(2.5 * noise, 2).astype(np.float32)[patches.owner])
-        else:
-            depth = np.maximum((1 - share) * (plane[:, 0] - dark), 1.5)
-            kept = ring & (rest > -depth.astype(np.float32)[patches.owner])
-        expected = _shading(state.center, patches.mean(patches.value, kept), shape)
-        plane = fit_planes(patches, kept.astype(np.float32), expected, trust * spread)
-        noise = np.sqrt(patches.mean(rest**2, kept))
-    # Light falls on disc and board alike: a small disc's slope is taken as the board's in proportion.
-    share = np.clip(dark / np.maximum(plane[:, 0], 1e-6), 0, 0.95)
-    inside = patches.sum(core * (patches.x**2 + patches.y**2)) / 2
-    dark_plane = fit_planes(patches, core.astype(np.float32), share[:, None] * plane[:, 1:], (0.2 + trust) * inside)
-    enough = (patches.sum(kept) > np.maximum(5, 0.2 * total)) & (patches.sum(core) > 0)
-    return _Levels(plane, dark_plane, noise, enough)
-
-
-def _trust(shape: np.ndarray) -> np.ndarray:
-    """What slopes from elsewhere are worth (d,) against those of a disc's own pixels.
-
-    A small disc's ring is narrow and other discs' blurred edges reach into it, so its own slope would be poor.
-    """
-    return np.minimum(1, (SMALL_DISC / np.maximum(minor_axis(shape), 1)) ** 4)
-
-
-def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Slopes (d, 2) of the board's brightness along x and y, from the levels around the neighbours of each disc."""
-    if len(center) < 6:
-        return np.zeros((len(center), 2))
-    _, near = cKDTree(center).query(center, k=min(9, len(center)))
-    offset = center[near] - center[:, None]
-    rise = level[near] - level[:, None]
-    normal = np.einsum("dki,dkj->dij", offset, offset)
-    normal += 1e-3 * np.eye(2) + 1e-3 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2)
-    slope = np.linalg.solve(normal, np.einsum("dki,dk->di", offset, rise)[..., None])[..., 0]
-    # More than a quarter of the level across a disc is no shading but an occluder's shadow in one of the rings.
-    steep = np.hypot(*slope.T) * major_axis(shape) > 0.25 * np.maximum(level, 1)
-    return np.where(steep[:, None], 0, slope)
 
 
 def _ellipse_of_mass(patches: PixelPatches, mass, move, area, shape) -> np.ndarray:
@@ -311,7 +180,7 @@ def _edge_blur(patches: PixelPatches, weight, edge, relative_noise, shape) -> np
 
 
 def _seen_whole(
-    patches: PixelPatches, ellipse: _Ellipse, weight, inner, own, blur, relative_noise, hole, band
+    patches: PixelPatches, ellipse: EllipsePosition, weight, inner, own, blur, relative_noise, hole, band
 ) -> np.ndarray:
     """Whether every sector of each disc (d,) looks as it should, dark inside and light outside.
 

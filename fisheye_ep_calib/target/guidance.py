@@ -56,7 +56,7 @@ def predict_discs(
     edge = np.repeat(points[:, None], BOUNDARY, axis=1)
     edge[..., :2] += radius * boundary_directions(BOUNDARY)
     seen = predict(camera, camera_from_target, edge.reshape(-1, 3), image_shape)
-    visible = seen.visible.reshape(-1, BOUNDARY).all(axis=1)
+    visible = np.asarray(seen.visible.reshape(-1, BOUNDARY).all(axis=1))
     pixels = seen.pixels.reshape(-1, BOUNDARY, 2)[visible]
     center, shape = np.zeros((len(points), 2)), np.tile(np.eye(2), (len(points), 1, 1))
     if visible.any():
@@ -83,7 +83,7 @@ def predict_bend(
     moved[..., :2] += steps[:, None, :] * reach[None, :, None]
     found = predict(camera, camera_from_target, moved.reshape(-1, 3), image_shape)
     at = found.pixels.reshape(len(steps), -1, 2)
-    seen = found.visible.reshape(len(steps), -1).all(axis=0)
+    seen = np.asarray(found.visible.reshape(len(steps), -1).all(axis=0))
     xx, yy = at[1] + at[2] - 2 * at[0], at[3] + at[4] - 2 * at[0]
     xy = (at[5] - at[6] - at[7] + at[8]) / 4
     return np.where(seen[:, None, None], 4 * np.stack([xx, xy, yy], axis=-1), 0.0)
@@ -92,8 +92,8 @@ def predict_bend(
 def smooth_residuals(points: np.ndarray, values: np.ndarray) -> np.ndarray:
     """How far each feature's value (k, m) is from one that varies smoothly over the board (k,).
 
-    A camera that does not fit yet errs smoothly, and so do sizes change: the values are fitted with a quadratic in the
-    board's x and y (points (k, 2 or 3)), robustly (iteratively reweighted, Cauchy weights).
+    A camera that does not fit yet errs smoothly, and so do sizes change: the values are fitted with a
+    quadratic in the board's x and y (points (k, 2 or 3)), robustly (iteratively reweighted, Cauchy weights).
     """
     centred = points[:, :2] - points[:, :2].mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
@@ -108,6 +108,8 @@ def smooth_residuals(points: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def stays_smooth(points: np.ndarray, values: np.ndarray, usual: float | np.ndarray) -> np.ndarray:
-    """Whether each value (k, m) fits the others (k,): within ``usual``, or six times what is common among them."""
+    """Whether each value (k, m) fits the others (k,): within ``usual``, or six times what is common among
+    them.
+    """
     rest = smooth_residuals(points, values)
     return rest < np.maximum(6 * float(np.median(rest)), usual)

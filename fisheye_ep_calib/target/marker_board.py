@@ -1,4 +1,5 @@
-"""Corners of a board of markers: rough places from the markers, measured, completed from what was measured."""
+"""Corners of a board of markers: rough places from the markers, measured, completed from what was measured.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +18,9 @@ def corners_by_markers(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the features points (n, 2), metres, should be, from markers near them.
 
-    marker_points, marker_pixels (m, 4, 2): the markers' corners in metres and pixels. reach: how far from a marker's
-    middle, metres, its homography is believed. Returns pixels (n, 2), pixels per metre (n, 2, 2), known (n,).
+    marker_points, marker_pixels (m, 4, 2): the markers' corners in metres and pixels. reach: how far from a
+    marker's middle, metres, its homography is believed. Returns pixels (n, 2), pixels per metre (n, 2, 2),
+    known (n,).
     """
     pixels, jacobian = np.zeros((len(points), 2)), np.zeros((len(points), 2, 2))
     weight = np.zeros(len(points))
@@ -60,8 +62,8 @@ def complete_corners(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Measure the features with a rough place, then those near measured ones, until no more are found.
 
-    points (n, 2): metres. pixels, jacobian, known: as from ``corners_by_markers``. step: the largest distance of
-    neighbouring features, metres. Returns pixels (n, 2) and whether each was found (n,).
+    points (n, 2): metres. pixels, jacobian, known: as from ``corners_by_markers``. step: the largest distance
+    of neighbouring features, metres. Returns pixels (n, 2) and whether each was found (n,).
     """
     pixels, found = pixels.copy(), np.zeros(len(points), dtype=bool)
     tried = np.zeros(len(points), dtype=bool)
@@ -99,7 +101,8 @@ def _next_round(points, pixels, jacobian, found, tried, step: float):
 def _consistent(points: np.ndarray, pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
     """The found features (n,) without those that do not lie where the ones around them say.
 
-    One wrong feature makes its neighbours look wrong too: only the worst of each neighbourhood goes, time and again.
+    One wrong feature makes its neighbours look wrong too: only the worst of each neighbourhood goes, time and
+    again.
     """
     found = found.copy()
     for _ in range(MOST_ROUNDS):
@@ -133,11 +136,12 @@ def _measure_again(image, points, pixels, found, around) -> np.ndarray:
 def local_quadratics(
     known: np.ndarray, pixels: np.ndarray, wanted: np.ndarray, others: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values, first and second derivatives at points wanted (m, 2) of quadratics through what is known nearby.
+    """Values, first and second derivatives at points wanted (m, 2) of quadratics through what is known
+    nearby.
 
-    known (k, 2): metres, with pixels (k, 2). Returns pixels (m, 2), pixels per metre (m, 2, 2), and second derivatives
-    (m, 2, 3) for xx, xy, yy. Fitted by least squares to the nearest sixteen; fewer than eight make it a plane. others:
-    wanted are the known points themselves, each to be told by the others.
+    known (k, 2): metres, with pixels (k, 2). Returns pixels (m, 2), pixels per metre (m, 2, 2), and second
+    derivatives (m, 2, 3) for xx, xy, yy. Fitted by least squares to the nearest sixteen; fewer than eight
+    make it a plane. others: wanted are the known points themselves, each to be told by the others.
     """
     count = min(16, len(known) - others)
     distance, near = cKDTree(known).query(wanted, k=count + others)

@@ -27,7 +27,8 @@ class Markers:
 
 
 def find_markers(image: np.ndarray, dictionary, border: int, known: int, what: str) -> Markers:
-    """Find the markers 0 … known − 1 of a dictionary. border: their black cells around. what: for the error message.
+    """Find the markers 0 … known − 1 of a dictionary. border: their black cells around. what: for the error
+    message.
 
     A number that is seen twice is left out: one of the two is not the board's.
     """

@@ -31,7 +31,8 @@ KAPPA = 4 / 3 * (np.sqrt(2) - 1)
 class Layout:
     """A target on its page, millimetres from the page's top left, y down.
 
-    width, height: of the page. quads (q, 4, 2), discs (d, 3), holes (h, 3): as in Artwork. ruler: its left end.
+    width, height: of the page. quads (q, 4, 2), discs (d, 3), holes (h, 3): as in Artwork. ruler: its left
+    end.
     """
 
     width: float
@@ -46,8 +47,8 @@ class Layout:
 def write_target(target: Target, path: str | PathLike, page: str = "a4", caption: str = "") -> None:
     """Write a target to print at 100 %: .pdf, .svg or .png (300 dots per inch).
 
-    page: a4, a3, letter, turned as it fits, or WIDTHxHEIGHT in millimetres. caption: beside the ruler, the target file's
-    name as a rule. Raises InputError where it does not fit.
+    page: a4, a3, letter, turned as it fits, or WIDTHxHEIGHT in millimetres. caption: beside the ruler, the
+    target file's name as a rule. Raises InputError where it does not fit.
     """
     path = Path(path)
     writers = {".pdf": _pdf, ".svg": _svg, ".png": _png}
@@ -58,7 +59,9 @@ def write_target(target: Target, path: str | PathLike, page: str = "a4", caption
 
 
 def lay_out(target: Target, page: str, caption: str) -> Layout:
-    """Place a target in the middle of a page, over a ruler and a caption. Raises InputError where it does not fit."""
+    """Place a target in the middle of a page, over a ruler and a caption. Raises InputError where it does not
+    fit.
+    """
     artwork = target.artwork()
     width, height = 1000 * (artwork.high - artwork.low)
     sizes = _page_sizes(page)
@@ -160,7 +163,7 @@ def _png(layout: Layout) -> bytes:
             outline = np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=-1)
             cv2.fillConvexPoly(image, fixed(outline), grey, cv2.LINE_AA, shift)
     for first, last in ruler_lines(layout):
-        start, stop = fixed(first), fixed(last)
+        start, stop = fixed(np.array(first)), fixed(np.array(last))
         cv2.line(image, tuple(start.tolist()), tuple(stop.tolist()), 0, 2, cv2.LINE_AA, shift)
     x, y = (np.array(layout.ruler) * scale).astype(int).tolist()
     plain = layout.caption.replace("×", "x").replace("·", "-").encode("ascii", "replace").decode()
@@ -183,7 +186,9 @@ def _with_resolution(png: bytes) -> bytes:
 def _pdf(layout: Layout) -> bytes:
     """A one-page PDF 1.4 of filled paths; its text is Helvetica, which every reader has."""
     drawing = io.StringIO()
-    drawing.write(f"{POINTS_PER_MM:.9f} 0 0 {-POINTS_PER_MM:.9f} 0 {layout.height * POINTS_PER_MM:.6f} cm\n0 g\n")
+    drawing.write(
+        f"{POINTS_PER_MM:.9f} 0 0 {-POINTS_PER_MM:.9f} 0 {layout.height * POINTS_PER_MM:.6f} cm\n0 g\n"
+    )
     for quad in layout.quads:
         path = " l ".join(f"{x:.4f} {y:.4f}" for x, y in quad).replace(" l ", " m ", 1)
         drawing.write(f"{path} l h f\n")

@@ -53,9 +53,9 @@ def fit_saddles(
     """Fit corners that are near pixels (k, 2).
 
     axes (k, 2, 2): half sides of each corner's clear zone as columns, pixels. bend (k, 2, 3): second
-    derivatives of the pixel with respect to (s, t) = ±1 at the zone's border, for ss, st and tt. depth (k, 2):
-    shares of the zone; pixels farther than that from both edges are left out, in the quadrants (+, +) and (−, −), and
-    in the other two.
+    derivatives of the pixel with respect to (s, t) = ±1 at the zone's border, for ss, st and tt. depth (k,
+    2): shares of the zone; pixels farther than that from both edges are left out, in the quadrants (+, +) and
+    (−, −), and in the other two.
     """
     pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
     bend = np.zeros((len(pixels), 2, 3)) if bend is None else bend

@@ -1,0 +1,119 @@
+"""How bright the board and the print are around and in each disc."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fisheye_ep_calib.target.ellipse import EllipsePosition, half_box, major_axis, minor_axis
+from fisheye_ep_calib.target.pixel_patches import PixelPatches, fit_planes
+
+RING_REACH = 2.2
+SMALL_DISC = 10.0
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Brightness of the board, plane, and of the discs, dark_plane, as planes (d, 3) about the discs'
+    centres.
+
+    noise (d,): of the board. sound (d,): enough of board and disc is seen.
+    """
+
+    plane: np.ndarray
+    dark_plane: np.ndarray
+    noise: np.ndarray
+    sound: np.ndarray
+
+    @property
+    def contrast(self) -> np.ndarray:
+        return self.plane[:, 0] - self.dark_plane[:, 0]
+
+
+def measure_levels(
+    image: np.ndarray,
+    center: np.ndarray,
+    shape: np.ndarray,
+    blur: np.ndarray,
+    hole: np.ndarray,
+    ratio: float,
+) -> Levels:
+    """The board's brightness as a plane through a ring around each disc, other discs and occluders cut off.
+    """
+    band = 2.0 * blur + 0.7
+    # Near the edge, where the ground counts, but wide enough for a small disc.
+    reach = 1 + np.maximum(0.15, (band + 9.0) / np.maximum(minor_axis(shape), 1))
+    reach = np.minimum(reach, min(RING_REACH, max(ratio - 0.8, 1.3)))
+    stride = np.maximum(1, (major_axis(shape) / 10).astype(int))
+    patches = PixelPatches.cut(image, center, reach[:, None] * half_box(shape) + 2.0, stride)
+    ellipse = EllipsePosition.of(patches, shape)
+    core = (ellipse.distance < -band[patches.owner]) | (ellipse.radius < 0.5)
+    if (hole > 0).any():
+        core = (ellipse.radius < 0.8) & (ellipse.radius > np.where(hole > 0, hole + 0.15, -1)[patches.owner])
+    dark = patches.mean(patches.value, core)
+    ring = (ellipse.distance > band[patches.owner]) & (
+        ellipse.radius < reach.astype(np.float32)[patches.owner]
+    )
+    total = np.maximum(patches.sum(ring), 1)
+    light = patches.mean(patches.value, ring)
+    bright = patches.value > (0.5 * (light + dark)).astype(np.float32)[patches.owner]
+    light = patches.mean(patches.value, ring & bright)
+
+    plane = np.stack([light, *np.zeros((2, len(patches)))], axis=-1)
+    noise = np.zeros(len(patches))
+    kept = ring
+    spread = patches.sum(ring * (patches.x**2 + patches.y**2)) / 2
+    trust = _trust(shape)
+    # Other discs and occluders are cut off: what is darker than the board, more closely each time.
+    for share in (0.5, 0.75, 0.88, None):
+        rest = patches.value - height(plane, patches)
+        if share is None:
+            kept = kept & (np.abs(rest) < np.maximum(2.5 * noise, 2).astype(np.float32)[patches.owner])
+        else:
+            depth = np.maximum((1 - share) * (plane[:, 0] - dark), 1.5)
+            kept = ring & (rest > -depth.astype(np.float32)[patches.owner])
+        expected = _shading(center, patches.mean(patches.value, kept), shape)
+        plane = fit_planes(patches, kept.astype(np.float32), expected, trust * spread)
+        noise = np.sqrt(patches.mean(rest**2, kept))
+    # Light falls on disc and board alike: a small disc's slope is taken as the board's in proportion.
+    share = np.clip(dark / np.maximum(plane[:, 0], 1e-6), 0, 0.95)
+    inside = patches.sum(core * (patches.x**2 + patches.y**2)) / 2
+    dark_plane = fit_planes(
+        patches, core.astype(np.float32), share[:, None] * plane[:, 1:], (0.2 + trust) * inside
+    )
+    enough = (patches.sum(kept) > np.maximum(5, 0.2 * total)) & (patches.sum(core) > 0)
+    return Levels(plane, dark_plane, noise, enough)
+
+
+def _trust(shape: np.ndarray) -> np.ndarray:
+    """What slopes from elsewhere are worth (d,) against those of a disc's own pixels.
+
+    A small disc's ring is narrow and other discs' blurred edges reach into it, so its own slope would be
+    poor.
+    """
+    return np.minimum(1, (SMALL_DISC / np.maximum(minor_axis(shape), 1)) ** 4)
+
+
+def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Slopes (d, 2) of the board's brightness along x and y, from the levels around the neighbours of each
+    disc.
+    """
+    if len(center) < 6:
+        return np.zeros((len(center), 2))
+    _, near = cKDTree(center).query(center, k=min(9, len(center)))
+    offset = center[near] - center[:, None]
+    rise = level[near] - level[:, None]
+    normal = np.einsum("dki,dkj->dij", offset, offset)
+    normal += 1e-3 * np.eye(2) + 1e-3 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+    slope = np.linalg.solve(normal, np.einsum("dki,dk->di", offset, rise)[..., None])[..., 0]
+    # More than a quarter of the level across a disc is no shading but an occluder's shadow in one of the rings.
+    steep = np.hypot(*slope.T) * major_axis(shape) > 0.25 * np.maximum(level, 1)
+    return np.where(steep[:, None], 0, slope)
+
+
+def height(plane: np.ndarray, patches: PixelPatches) -> np.ndarray:
+    """Values (p,) at the pixels of planes (d, 3)."""
+    plane = plane.astype(np.float32)[patches.owner]
+    return plane[:, 0] + plane[:, 1] * patches.x + plane[:, 2] * patches.y
