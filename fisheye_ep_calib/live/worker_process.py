@@ -22,7 +22,7 @@ _starting = threading.Lock()
 class WorkerProcess:
     """One child process, started again at the next call after it has died."""
 
-    def __init__(self, niceness: int = 10) -> None:
+    def __init__(self, niceness: int = 5) -> None:
         """niceness: how far the child stands back from the programs that drive the cameras."""
         self._niceness = niceness
         self._lock = threading.Lock()
