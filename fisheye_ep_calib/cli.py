@@ -18,7 +18,9 @@ COMMANDS = {
     "detect": "find the target in images and show what was found",
     "compare": "how two camera files differ in pixels, against their uncertainties",
     "show": "print a camera file: intrinsics, entrance pupil, what is known about them",
+    "rig": "where calibrated cameras are to each other, from views of one target",
     "rectify": "images without the fisheye's distortion, the pupil's shift corrected for a distance",
+    "target": "write a target true to scale, to print",
     "simulate": "write images of a known camera as a bag",
     "demo": "the whole way once, on rendered images",
 }

@@ -14,7 +14,7 @@ import numpy as np
 
 from fisheye_ep_calib.rig.symmetry import Symmetry
 
-_OUTLIER = 0.05  # of the distance to the target: poses that differ by more agree on nothing
+_OUTLIER = 0.2  # of the distance to the target: poses that differ by more agree on nothing
 _OTHER = 0.10  # of that distance: answers that differ by more are different answers
 _CLEAR = 2.0  # the best answer fits this many times better than the next one
 
@@ -44,17 +44,17 @@ def pair_pose(
     disagreement = np.stack(
         [_disagreement(candidate, turned, b_from_target, points) for candidate in candidates.reshape(-1, 4, 4)]
     )
-    cost = (np.minimum(disagreement, _OUTLIER) ** 2).mean(axis=1)
-    best = int(np.argmin(cost))
+    square = np.minimum(disagreement, _OUTLIER) ** 2
+    best = int(np.argmin(square.mean(axis=1)))
     chosen = candidates.reshape(-1, 4, 4)[best]
     agreeing = disagreement[best] < _OUTLIER
-    rms = float(np.sqrt((disagreement[best][agreeing] ** 2).mean()))
+    cost = square[:, agreeing].mean(axis=1)
     ambiguous = False
     if len(symmetries) > 1:
         apart = _apart(candidates.reshape(-1, 4, 4), chosen, b_from_target, points)
         others = cost[apart > _OTHER]
         ambiguous = bool(len(others) and others.min() < _CLEAR**2 * cost[best] + 1e-12)
-    return PairPose(chosen, int(agreeing.sum()), rms, ambiguous)
+    return PairPose(chosen, int(agreeing.sum()), float(np.sqrt(cost[best])), ambiguous)
 
 
 def best_symmetry(

@@ -49,6 +49,11 @@ class Frame:
         return self._source.picture(self.topic, self._entry)
 
     @property
+    def taken_ns(self) -> int:
+        """When the image was taken, by its header, nanoseconds; ``stamp_ns`` where it says nothing. Reads it."""
+        return self._source.taken_ns(self.topic, self._entry) or self.stamp_ns
+
+    @property
     def frame_id(self) -> str:
         """The header's frame_id; reads the message. Empty for an image file."""
         return self._source.frame_id(self.topic, self._entry)

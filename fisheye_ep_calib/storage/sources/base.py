@@ -75,6 +75,10 @@ class Source:
         """The frame_id in the image's header; empty where there is none."""
         return ""
 
+    def taken_ns(self, topic: str, entry: Entry) -> int:
+        """The stamp in the image's header, nanoseconds; 0 where there is none."""
+        return 0
+
     def name(self, entry: Entry) -> str:
         """What to call the image: its time, as ROS prints it."""
         return f"{entry.stamp_ns // 10**9}.{entry.stamp_ns % 10**9:09d}"
@@ -124,6 +128,10 @@ class BagSource(Source):
 
     def frame_id(self, topic: str, entry: Entry) -> str:
         return str(self.message(topic, entry).header.frame_id)
+
+    def taken_ns(self, topic: str, entry: Entry) -> int:
+        stamp = self.message(topic, entry).header.stamp
+        return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
     def _stream(self) -> BinaryIO:
         if self._file is None:

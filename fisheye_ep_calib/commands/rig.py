@@ -1,0 +1,177 @@
+"""fisheye_ep_calib rig: where calibrated cameras are to each other."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from fisheye_ep_calib.commands.rig_sources import Seen, what_cameras_saw
+from fisheye_ep_calib.commands.sources import safe_name
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.rig import USUAL_TOLERANCE, RigCalibration, RigCamera, calibrate_rig
+from fisheye_ep_calib.storage.atomic import atomic_write
+from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+from fisheye_ep_calib.storage.observation_file import save_observations
+from fisheye_ep_calib.storage.rig_file import kalibr_camchain, rig_yaml
+
+DESCRIPTION = (
+    "Find where calibrated cameras are to each other, from views in which two or more of them see the target at the\n"
+    "same time. Cameras that never see it together are joined by those between them. The first --camera is the\n"
+    "reference. Writes DIR/rig.yaml, in Kalibr's layout DIR/camchain.yaml, and what was seen in images,\n"
+    "DIR/rig_observations/NAME.npz, from which it can be repeated without them."
+)
+EPILOG = """examples:
+  fisheye_ep_calib rig recording.mcap --target board.yaml --camera front=front.yaml --camera rear=rear.yaml
+  fisheye_ep_calib rig observations/front.npz observations/rear.npz --camera front=front.yaml --camera rear=rear.yaml
+"""
+RIG, CAMCHAIN, OBSERVATIONS = "rig.yaml", "camchain.yaml", "rig_observations"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    kinds = "bags or folders of images, or an observation file NAME.npz for each camera"
+    parser.add_argument("source", nargs="+", metavar="SOURCE", help=kinds)
+    parser.add_argument(
+        "--camera",
+        action="append",
+        required=True,
+        metavar="NAME=CAMERA.yaml",
+        help="a camera of the rig; repeat for each, the reference first",
+    )
+    parser.add_argument("--target", type=Path, metavar="TARGET.yaml", help="the target; .npz files need none")
+    parser.add_argument(
+        "--topic", action="append", default=[], metavar="NAME=TOPIC", help="image topic (default: by its name)"
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=USUAL_TOLERANCE,
+        metavar="SECONDS",
+        help=f"images within it are of the same time (default: {USUAL_TOLERANCE:g}); more where the target stood still",
+    )
+    parser.add_argument("--max-moments", type=int, default=150, metavar="N", help="look at N times (default: 150)")
+    parser.add_argument("--strict", action="store_true", help="refuse damaged recordings and images")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    parser.add_argument("--board-warp", action="store_true", help="estimate the bow of the target too")
+    parser.add_argument(
+        "--unmistakable",
+        action="store_true",
+        help="the target cannot be taken for itself turned (known of ChArUco boards and AprilGrids in images)",
+    )
+    parser.add_argument(
+        "--output", type=Path, default=Path("."), metavar="DIR", help="folder for the results (default: .)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace earlier results in DIR")
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if not 0 <= arguments.tolerance < math.inf:
+        raise InputError("--tolerance must not be negative")
+    if arguments.max_moments < 2:
+        raise InputError("--max-moments must be at least 2")
+    for name in (RIG, CAMCHAIN):
+        if (arguments.output / name).exists() and not arguments.overwrite:
+            raise InputError(f"{arguments.output / name} is there already; give another --output, or --overwrite")
+    paths = _cameras(arguments.camera)
+    files = {name: read_camera_file(path) for name, path in paths.items()}
+    seen = what_cameras_saw(list(files), arguments)
+    for name, one in seen.items():
+        if one.topic:
+            save_observations(arguments.output / OBSERVATIONS / f"{name}.npz", one.observations)
+    cameras = [_rig_camera(name, files[name], seen[name]) for name in files]
+    numbered = any(one.numbered for one in seen.values())
+    found = calibrate_rig(
+        cameras,
+        tolerance=0.0 if numbered else arguments.tolerance,
+        unmistakable=arguments.unmistakable or all(one.unmistakable for one in seen.values()),
+        warp_free=arguments.board_warp,
+    )
+    topics = {name: one.topic for name, one in seen.items() if one.topic}
+    beside = {name: os.path.relpath(path, arguments.output) for name, path in paths.items()}
+    atomic_write(arguments.output / RIG, rig_yaml(found, beside, topics).encode())
+    camchain = kalibr_camchain(found, [file.stand_in for file in files.values()], topics)
+    atomic_write(arguments.output / CAMCHAIN, camchain.encode())
+    print(_text(found, arguments.output), file=sys.stderr if arguments.json else sys.stdout)
+    if arguments.json:
+        print(json.dumps(_json(found, arguments.output), ensure_ascii=False))
+    if not found.converged:
+        raise CalibrationError(f"the fit did not converge; its best state is in {arguments.output / RIG}")
+    return 0
+
+
+def _cameras(given: list[str]) -> dict[str, Path]:
+    paths: dict[str, Path] = {}
+    for text in given:
+        name, equals, path = text.partition("=")
+        if not equals or safe_name(name) != name:
+            raise InputError(f"--camera {text}: give NAME=CAMERA.yaml, the name of letters, digits and _ . -")
+        if name in paths:
+            raise InputError(f"--camera: two cameras are called {name}")
+        paths[name] = Path(path)
+    if len(paths) < 2:
+        raise InputError("a rig has two cameras at least: repeat --camera NAME=CAMERA.yaml")
+    return paths
+
+
+def _rig_camera(name: str, file: CameraFile, seen: Seen) -> RigCamera:
+    covariance = file.covariance if np.any(file.covariance) else None
+    return RigCamera(name, file.camera, seen.observations, seen.stamps_ns, covariance)
+
+
+def _text(rig: RigCalibration, output: Path) -> str:
+    lines = [
+        f"{len(rig.names)} cameras, {rig.moments} common views, RMS {rig.rms_px:.4f} px; at the origin: {rig.names[0]}",
+        f"  {'camera':<12}{'x mm':>10}{'y mm':>10}{'z mm':>10}{'± mm':>8}{'turned °':>10}{'± °':>9}{'RMS px':>9}",
+    ]
+    for number, name in enumerate(rig.names):
+        pose = rig.reference_from_camera[number]
+        x, y, z = 1e3 * pose[:3, 3]
+        turn = np.degrees(np.arccos(np.clip((np.trace(pose[:3, :3]) - 1) / 2, -1, 1)))
+        position = 1e3 * np.linalg.norm(rig.position_sigma[number])
+        rotation = np.degrees(np.linalg.norm(rig.rotation_sigma[number]))
+        rms = rig.camera_rms_px[number]
+        lines.append(
+            f"  {name:<12}{x:>10.3f}{y:>10.3f}{z:>10.3f}{position:>8.3f}{turn:>10.3f}{rotation:>9.4f}{rms:>9.4f}"
+        )
+        if len(rig.paths[number]) > 2:
+            lines.append(f"    joined through {', '.join(rig.names[step] for step in rig.paths[number][1:-1])}")
+    lines += [f"  {rig.names[pair.a]} and {rig.names[pair.b]}: {pair.views} common views" for pair in rig.pairs]
+    if np.any(rig.board_warp):
+        bow = ", ".join(f"{1e3 * value:+.3f}" for value in rig.board_warp)
+        lines.append(f"  board warp (x, y, twist): {bow} mm")
+    contradicting = [f"{rig.names[camera]} {image}" for camera, image in rig.left_out]
+    if contradicting:
+        more = f" and {len(contradicting) - 8} more" if len(contradicting) > 8 else ""
+        lines.append(f"  not used, as they contradict the others: {', '.join(contradicting[:8])}{more}")
+    lines.append(f"  wrote {output / RIG} and {output / CAMCHAIN}")
+    return "\n".join(lines)
+
+
+def _json(rig: RigCalibration, output: Path) -> dict:
+    return {
+        "reference": rig.names[0],
+        "rms_px": rig.rms_px,
+        "moments": rig.moments,
+        "converged": rig.converged,
+        "cameras": {
+            name: {
+                "reference_from_camera": rig.reference_from_camera[number].tolist(),
+                "position_sigma_m": rig.position_sigma[number].tolist(),
+                "rotation_sigma_rad": rig.rotation_sigma[number].tolist(),
+                "views": rig.views[number],
+                "rms_px": rig.camera_rms_px[number],
+                "joined_through": [rig.names[step] for step in rig.paths[number]],
+            }
+            for number, name in enumerate(rig.names)
+        },
+        "overlaps": [{"cameras": [rig.names[pair.a], rig.names[pair.b]], "views": pair.views} for pair in rig.pairs],
+        "not_used": [{"camera": rig.names[camera], "view": image} for camera, image in rig.left_out],
+        "yaml": str(output / RIG),
+        "camchain": str(output / CAMCHAIN),
+    }

@@ -1,0 +1,157 @@
+"""A rig on disk: its own YAML, and Kalibr's camchain."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.rig.result import RigCalibration
+from fisheye_ep_calib.storage.camera_info import plain_camera_info
+
+SCHEMA = 1
+_MOST_BYTES = 1 << 20
+_NOT_RIGID = 1e-6
+
+
+@dataclass(frozen=True)
+class RigFile:
+    """What a rig file says. reference_from_camera: (4, 4) by the camera's name. covariance: (6, 6) by name.
+
+    camera_files: by name, as written, relative to the rig file; empty where none was named.
+    """
+
+    reference: str
+    reference_from_camera: dict[str, np.ndarray]
+    covariance: dict[str, np.ndarray]
+    camera_files: dict[str, str]
+
+
+def rig_yaml(rig: RigCalibration, camera_files: Mapping[str, str], topics: Mapping[str, str]) -> str:
+    """The rig file as text. camera_files, topics: by camera name, what is known of them."""
+    cameras = {}
+    for number, name in enumerate(rig.names):
+        pose = rig.reference_from_camera[number]
+        cameras[name] = {
+            "camera_file": str(camera_files.get(name, "")),
+            "topic": str(topics.get(name, "")),
+            "position": _floats(pose[:3, 3]),
+            "quaternion_xyzw": _floats(quaternion(pose[:3, :3])),
+            "reference_from_camera": [_floats(row) for row in pose],
+            "position_sigma": _floats(rig.position_sigma[number]),
+            "rotation_sigma": _floats(rig.rotation_sigma[number]),
+            "covariance": [_floats(row) for row in rig.covariance[number]],
+            "views": rig.views[number],
+            "rms_px": rig.camera_rms_px[number],
+            "joined_through": [rig.names[step] for step in rig.paths[number]],
+        }
+    content = {
+        "schema": SCHEMA,
+        "reference": rig.names[0],
+        "cameras": cameras,
+        "overlaps": [
+            {"cameras": [rig.names[pair.a], rig.names[pair.b]], "views": pair.views} for pair in rig.pairs
+        ],
+        "calibration": {
+            "rms_px": rig.rms_px,
+            "moments": rig.moments,
+            "board_warp": _floats(rig.board_warp),
+            "converged": rig.converged,
+            "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+        },
+    }
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1 << 16)
+
+
+def kalibr_camchain(rig: RigCalibration, stand_ins: Sequence[FisheyeCamera], topics: Mapping[str, str]) -> str:
+    """The rig in Kalibr's layout: cam0, cam1, …, each placed by the one before it.
+
+    Kalibr's cameras have a single viewpoint: intrinsics are those of the stand-ins. T_cn_cnm1 is camera n from
+    camera n − 1.
+    """
+    overlapping: dict[int, list[int]] = {number: [] for number in range(len(rig.names))}
+    for pair in rig.pairs:
+        overlapping[pair.a].append(pair.b)
+        overlapping[pair.b].append(pair.a)
+    content = {}
+    for number, name in enumerate(rig.names):
+        info = plain_camera_info(stand_ins[number])
+        camera = {
+            "cam_overlaps": sorted(overlapping[number]),
+            "camera_model": "pinhole",
+            "distortion_coeffs": _floats(info.d),
+            "distortion_model": info.distortion_model,
+            "intrinsics": _floats([info.k[0], info.k[4], info.k[2], info.k[5]]),
+            "resolution": [int(info.width), int(info.height)],
+            "rostopic": str(topics.get(name, f"/{name}/image_raw")),
+        }
+        if number > 0:
+            step = np.linalg.inv(rig.reference_from_camera[number]) @ rig.reference_from_camera[number - 1]
+            camera = {"T_cn_cnm1": [_floats(row) for row in step], **camera}
+        content[f"cam{number}"] = camera
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1 << 16)
+
+
+def load_rig(path: str | PathLike) -> RigFile:
+    """Read a rig file. Raises InputError."""
+    path = Path(path)
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(f"{path}: too large for a rig file")
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError):
+        raise InputError(f"{path} is not valid YAML") from None
+    try:
+        if content["schema"] != SCHEMA:
+            raise InputError(f"schema {content['schema']!r} is not known here; known: {SCHEMA}")
+        cameras = {str(name): dict(block) for name, block in content["cameras"].items()}
+        return RigFile(
+            str(content["reference"]),
+            {name: _pose(block["reference_from_camera"]) for name, block in cameras.items()},
+            {name: np.array(block["covariance"], dtype=float).reshape(6, 6) for name, block in cameras.items()},
+            {name: str(block.get("camera_file", "")) for name, block in cameras.items()},
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"{path} is not a rig file: {type(error).__name__} {error}") from None
+
+
+def _pose(rows) -> np.ndarray:
+    pose = np.array(rows, dtype=float).reshape(4, 4)
+    turn = pose[:3, :3]
+    rigid = np.abs(turn @ turn.T - np.eye(3)).max() < _NOT_RIGID and np.linalg.det(turn) > 0
+    if not (np.isfinite(pose).all() and rigid and np.array_equal(pose[3], [0, 0, 0, 1])):
+        raise InputError("reference_from_camera is not a rigid transform")
+    return pose
+
+
+def quaternion(rotation: np.ndarray) -> np.ndarray:
+    """x, y, z, w (4,) of a rotation (3, 3), w ≥ 0, as tf has it.
+
+    The eigenvector of Bar-Itzhack's symmetric matrix to its largest eigenvalue: right for every rotation.
+    """
+    r = rotation
+    matrix = np.array(
+        [
+            [r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
+            [r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
+            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], np.trace(r)],
+        ]
+    )
+    found = np.linalg.eigh(matrix)[1][:, -1]
+    return found if found[3] >= 0 else -found
+
+
+def _floats(values) -> list[float]:
+    return [float(value) for value in values]
