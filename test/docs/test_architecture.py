@@ -1,0 +1,48 @@
+"""The arrows of docs/architecture.md are those of the code."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PACKAGE = REPOSITORY / "fisheye_ep_calib"
+SHARED = {"errors", "cores"}  # modules that belong to no room
+
+
+def drawn() -> dict[str, set[str]]:
+    """Room → rooms it may know, from the drawing."""
+    block = re.search(r"```text\n(.*?)```", (REPOSITORY / "docs" / "architecture.md").read_text("utf-8"), re.DOTALL)
+    arrows = re.findall(r"^(\w+) ─+► (.*)$", block.group(1), re.MULTILINE)
+    return {room: set(re.findall(r"\w+", re.sub(r"\(.*?\)", "", known))) for room, known in arrows}
+
+
+def imported(room: str) -> set[str]:
+    """The rooms that a room's modules import, wherever in them."""
+    found = set()
+    for path in (PACKAGE / room).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [node.module] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            found |= {name.split(".")[1] for name in names if name and name.startswith("fisheye_ep_calib.")}
+    return found - {room} - SHARED
+
+
+def test_every_room_is_drawn():
+    rooms = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    assert rooms == set(drawn()) | {"camera"}
+
+
+@pytest.mark.parametrize("room", sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py")))
+def test_a_room_knows_only_what_is_drawn(room):
+    assert imported(room) <= drawn().get(room, set()), f"{room}: draw the new arrow, or do without it"
+
+
+def test_the_core_needs_no_ros():
+    for room in drawn().keys() - {"ros", "commands"}:
+        for path in (PACKAGE / room).rglob("*.py"):
+            imports = re.findall(r"^\s*(?:import|from) (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
+            assert not {"rclpy", "sensor_msgs", "std_msgs", "std_srvs"} & set(imports), path
