@@ -78,8 +78,8 @@ def relative_poses(
             common = moments[(moments[:, [a, b]] >= 0).all(axis=1)]
             if len(common) < MIN_COMMON_VIEWS:
                 continue
-            poses = (np.stack([cameras[c].camera_from_target[image] for image in common[:, c]]) for c in (a, b))
-            pair = pair_pose(*poses, symmetries, points)
+            of_a, of_b = (np.stack([cameras[c].camera_from_target[image] for image in common[:, c]]) for c in (a, b))
+            pair = pair_pose(of_a, of_b, symmetries, points)
             if pair.views >= MIN_COMMON_VIEWS:
                 pairs[a, b] = pair
     return pairs

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import yaml
 
 from fisheye_ep_calib.calibration.rotation import rotation_from_vector
+from fisheye_ep_calib.calibration.stand_in import single_viewpoint
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.rig import RigCamera
 from fisheye_ep_calib.rig.symmetry import symmetries
 from fisheye_ep_calib.simulation import look_pose, observe, paper_camera
+from fisheye_ep_calib.storage.camera_info import plain_camera_info
+from fisheye_ep_calib.storage.camera_info_file import camera_info_content
 from fisheye_ep_calib.target import Target
 
 NAMES = ("front", "left", "rear")
@@ -101,3 +106,17 @@ def errors(found: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
     turn = found[:3, :3].T @ truth[:3, :3]
     angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))
     return float(angle), float(np.linalg.norm(found[:3, 3] - truth[:3, 3]))
+
+
+def write_camera(path: Path, camera: FisheyeCamera, name: str) -> None:
+    """A camera file as the calibration writes it, without what a calibration knows."""
+    info = camera_info_content(plain_camera_info(single_viewpoint(camera).camera), name)
+    info["entrance_pupil"] = {
+        "schema": 1,
+        "model": camera.model,
+        "intrinsics": {key: float(getattr(camera, key)) for key in ("fx", "fy", "skew", "cx", "cy")},
+        "radial": list(camera.radial),
+        "coefficients": list(camera.coefficients),
+        "theta_max": float(camera.theta_max),
+    }
+    path.write_text(yaml.safe_dump(info))

@@ -1,0 +1,189 @@
+"""fisheye_ep_calib rig, as it is typed, and the files it writes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from simulated_rig import NAMES, cameras, errors, place, see, targets_between, write_camera
+
+from fisheye_ep_calib.cli import main
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.simulation import Imaging, StampedImage, paper_target, render, write_bag
+from fisheye_ep_calib.storage.observation_file import save_observations
+from fisheye_ep_calib.storage.rig_file import load_rig, quaternion
+
+DISCS = paper_target()
+PLACES = [np.eye(4), place(60, (0.08, 0.01, -0.03), (0.05, 0.0, 0.02)), place(120, (0.05, -0.02, -0.12))]
+TARGET = "type: circle_grid\ncolumns: 11\nrows: 7\nspacing: 0.012\nradius: 0.004\n"
+START_NS = 1_700_000_000 * 10**9
+
+
+@pytest.fixture
+def three_cameras(tmp_path: Path) -> list[str]:
+    """Observation files and camera files of a chain; the arguments that name them."""
+    models = cameras(3, theta_max_deg=60)
+    poses = [targets_between(PLACES[i], PLACES[i + 1], DISCS, 6, seed=i + 1) for i in range(2)]
+    arguments = []
+    for name, model, one in zip(NAMES, models, see(models, PLACES, DISCS, np.concatenate(poses)), strict=True):
+        stamps = START_NS + one.stamps_ns
+        names = tuple(f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in stamps.tolist())
+        save_observations(tmp_path / f"{name}.npz", replace(one.observations, image_names=names))
+        write_camera(tmp_path / f"{name}.yaml", model, name)
+        arguments += [str(tmp_path / f"{name}.npz"), "--camera", f"{name}={tmp_path / name}.yaml"]
+    return ["rig", *arguments[::3], *[part for i in range(3) for part in arguments[3 * i + 1 : 3 * i + 3]]]
+
+
+def test_observation_files_of_a_chain(three_cameras, tmp_path, capsys) -> None:
+    output = tmp_path / "rig"
+    assert main([*three_cameras, "--output", str(output), "--json"]) == 0
+    captured = capsys.readouterr()
+    said = json.loads(captured.out)
+    assert said["reference"] == "front" and said["cameras"]["rear"]["joined_through"] == ["front", "left", "rear"]
+    assert "joined through left" in captured.err
+
+    file = load_rig(output / "rig.yaml")
+    assert file.reference == "front" and list(file.reference_from_camera) == list(NAMES)
+    assert (output / file.camera_files["left"]).resolve() == tmp_path / "left.yaml"
+    for number, name in enumerate(NAMES):
+        angle, distance = errors(file.reference_from_camera[name], PLACES[number])
+        assert angle < 1e-3 and distance < 1e-4
+
+    chain = yaml.safe_load((output / "camchain.yaml").read_text())
+    assert list(chain) == ["cam0", "cam1", "cam2"] and "T_cn_cnm1" not in chain["cam0"]
+    step = np.array(chain["cam2"]["T_cn_cnm1"])
+    expected = np.linalg.inv(file.reference_from_camera["rear"]) @ file.reference_from_camera["left"]
+    assert np.allclose(step, expected)
+    assert [chain[f"cam{i}"]["cam_overlaps"] for i in range(3)] == [[1], [0, 2], [1]]
+    assert chain["cam1"]["camera_model"] == "pinhole" and chain["cam1"]["distortion_model"] == "equidistant"
+    assert len(chain["cam1"]["intrinsics"]) == 4 and chain["cam1"]["resolution"] == [2048, 2048]
+
+    assert main([*three_cameras, "--output", str(output)]) == 2
+    assert "rig.yaml is there already" in capsys.readouterr().err
+    assert main([*three_cameras, "--output", str(output), "--overwrite", "--board-warp"]) == 0
+
+
+def small(camera):
+    """The same lens on a quarter of the pixels."""
+    half = {name: getattr(camera, name) / 2 for name in ("fx", "fy", "skew", "cx", "cy")}
+    return replace(camera, image_size=(1024, 1024), **half)
+
+
+@pytest.fixture(scope="module")
+def rendered() -> tuple[list, list[list[np.ndarray]]]:
+    """Two small cameras and their images of five moments."""
+    models = [small(model) for model in cameras(2)]
+    poses = targets_between(PLACES[0], PLACES[1], DISCS, 5, seed=3, distance=(0.1, 0.18))
+    images = [
+        [render(model, DISCS, np.linalg.inv(pose) @ board, Imaging(blur=0.6, noise=1.0)) for board in poses]
+        for model, pose in zip(models, PLACES[:2], strict=True)
+    ]
+    return models, images
+
+
+def prepare(folder: Path, models) -> list[str]:
+    (folder / "target.yaml").write_text(TARGET)
+    arguments = ["--target", str(folder / "target.yaml"), "--workers", "1"]
+    for name, model in zip(NAMES, models, strict=False):
+        write_camera(folder / f"{name}.yaml", model, name)
+        arguments += ["--camera", f"{name}={folder / name}.yaml"]
+    return arguments
+
+
+def test_a_bag(rendered, tmp_path, capsys) -> None:
+    """Taken a millisecond apart, and one image that nothing goes with."""
+    models, images = rendered
+    stamped = [
+        StampedImage(f"/{NAMES[c]}/image_raw", START_NS + 10**8 * moment + 10**6 * c, NAMES[c], images[c][moment])
+        for moment in range(5)
+        for c in range(2)
+    ]
+    blank = np.zeros((1024, 1024), np.uint8)
+    stamped += [StampedImage("/front/image_raw", START_NS + 10**9, "front", blank)]
+    write_bag(tmp_path / "bag.mcap", stamped)
+    arguments = ["rig", str(tmp_path / "bag.mcap"), *prepare(tmp_path, models), "--output", str(tmp_path / "out")]
+    assert main(arguments) == 0, capsys.readouterr().err
+    out = capsys.readouterr().out
+    assert "2 cameras, 5 common views" in out and "front and left: 5 common views" in out
+    found = load_rig(tmp_path / "out" / "rig.yaml")
+    angle, distance = errors(found.reference_from_camera["left"], PLACES[1])
+    assert angle < 2e-3 and distance < 2e-4
+    assert yaml.safe_load((tmp_path / "out" / "camchain.yaml").read_text())["cam1"]["rostopic"] == "/left/image_raw"
+
+    saved = [str(tmp_path / "out" / "rig_observations" / f"{name}.npz") for name in NAMES[:2]]
+    cameras_ = arguments[arguments.index("--camera") : arguments.index("--output")]
+    assert main(["rig", *saved, *cameras_, "--output", str(tmp_path / "again")]) == 0
+    again = load_rig(tmp_path / "again" / "rig.yaml")
+    assert np.allclose(again.reference_from_camera["left"], found.reference_from_camera["left"], atol=1e-9)
+
+
+def test_folders_of_numbered_images(rendered, tmp_path, capsys) -> None:
+    models, images = rendered
+    for name, of_camera in zip(NAMES, images, strict=False):
+        (tmp_path / "images" / name).mkdir(parents=True)
+        for moment, image in enumerate(of_camera):
+            cv2.imwrite(str(tmp_path / "images" / name / f"{moment}.png"), image)
+    arguments = prepare(tmp_path, models)
+    assert main(["rig", str(tmp_path / "images"), *arguments, "--output", str(tmp_path / "out")]) == 0
+    assert "5 common views" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--camera", "a=x.yaml"], "two cameras at least"),
+        (["--camera", "a=x.yaml", "--camera", "a=y.yaml"], "two cameras are called a"),
+        (["--camera", "../a=x.yaml", "--camera", "b=y.yaml"], "letters, digits"),
+        (["--camera", "a", "--camera", "b=y.yaml"], "NAME=CAMERA.yaml"),
+        (["--camera", "a=/nowhere/x.yaml", "--camera", "b=y.yaml"], "/nowhere/x.yaml"),
+        (["--camera", "a=x.yaml", "--camera", "b=y.yaml", "--tolerance", "-1"], "--tolerance"),
+        (["--camera", "a=x.yaml", "--camera", "b=y.yaml", "--max-moments", "0"], "--max-moments"),
+    ],
+)
+def test_wrong_arguments(tmp_path, capsys, arguments, complaint) -> None:
+    assert main(["rig", str(tmp_path), "--output", str(tmp_path / "out"), *arguments]) == 2
+    assert complaint in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_camera_without_a_file_or_a_topic(three_cameras, tmp_path, capsys) -> None:
+    files, rest = three_cameras[1:4], three_cameras[4:]
+    assert main(["rig", *files[:2], *rest, "--output", str(tmp_path / "out")]) == 2
+    assert "no rear.npz" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("", "not a rig file"),
+        ("[1, 2]", "not a rig file"),
+        ("{schema: 2}", "schema 2"),
+        ("{schema: 1, reference: a, cameras: {a: {}}}", "reference_from_camera"),
+        ("{schema: 1, reference: a, cameras: {a: {reference_from_camera: [[1]]}}}", "not a rig file"),
+        ("a: [", "not valid YAML"),
+    ],
+)
+def test_rig_files_that_are_none(tmp_path, content, complaint) -> None:
+    (tmp_path / "rig.yaml").write_text(content)
+    with pytest.raises(InputError, match=complaint):
+        load_rig(tmp_path / "rig.yaml")
+    pose = np.diag([1.0, 1.0, 2.0, 1.0]).tolist()
+    rig = {"schema": 1, "reference": "a", "cameras": {"a": {"reference_from_camera": pose}}}
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig))
+    with pytest.raises(InputError, match="not a rigid transform"):
+        load_rig(tmp_path / "rig.yaml")
+
+
+@pytest.mark.parametrize("turn", [(0, 0, 0), (3.1415926, 0, 0), (0, 0, -3.14), (1, 2, -0.5)])
+def test_quaternions(turn) -> None:
+    from scipy.spatial.transform import Rotation
+
+    rotation = Rotation.from_rotvec(turn)
+    expected = rotation.as_quat()
+    found = quaternion(rotation.as_matrix())
+    assert np.allclose(found, expected if found @ expected > 0 else -expected, atol=1e-9) and found[3] >= 0
