@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from fisheye_ep_calib.report.data import Coverage, Residuals, UncertaintyMap
-from fisheye_ep_calib.report.figures.style import FAINT, MAP, PAPER, SERIES, image_axes, svg
+from fisheye_ep_calib.report.figures.style import FAINT, MAP, PAPER, SERIES, image_axes, plain_log_ticks, svg
 
 _BINS = (24, 20)
 _LEVELS = 8
@@ -59,8 +59,7 @@ def distance_figure(residuals: Residuals, identity: str) -> str:
         mesh = axes.pcolormesh(columns, rows, counts, cmap=MAP, norm=_count_norm(counts), rasterized=True)
         if wide:
             axes.set_yscale("log")
-            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axes.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+            plain_log_ticks(axes.yaxis, distance)
         axes.set(xlabel="θ, degrees", ylabel="distance, m", xlim=(0, columns[-1]), ylim=(low, high))
         _count_bar(figure, mesh, axes)
 

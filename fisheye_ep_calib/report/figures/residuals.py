@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fisheye_ep_calib.report.data import Rejected, Residuals
-from fisheye_ep_calib.report.figures.style import ACCENT, INK, SECOND, SERIES, image_axes, svg
+from fisheye_ep_calib.report.figures.style import ACCENT, INK, SECOND, SERIES, image_axes, plain_log_ticks, svg
 
 _CELLS = 16  # along the longer side of the image
 _LEAST_POINTS = 4  # in a cell or a bin whose mean is shown
@@ -107,20 +107,11 @@ def residuals_by_distance_figure(residuals: Residuals, identity: str) -> str:
         axes.plot(middle, np.sqrt(square), "o-", ms=3.5, color=SECOND, label="RMS")
         if wide:
             axes.set_xscale("log")
-            _plain_ticks(axes, distance)
+            plain_log_ticks(axes.xaxis, distance)
         axes.set(xlabel="distance, m", ylabel="residual, px", ylim=(0, 1.15 * float(np.quantile(length, 0.995))))
         axes.legend()
 
     return svg(draw, identity)
-
-
-def _plain_ticks(axes: Axes, values: np.ndarray) -> None:
-    """1, 2, 5 ticks, written as plain numbers, on a logarithmic x axis."""
-    decades = 10.0 ** np.arange(np.floor(np.log10(values.min())), np.ceil(np.log10(values.max())) + 1)
-    ticks = np.outer(decades, _NICE).ravel()
-    ticks = ticks[(ticks >= values.min()) & (ticks <= values.max())]
-    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.set_xticks([], minor=True)
 
 
 def _binned_mean(axes: Axes, x: np.ndarray, y: np.ndarray, edges: np.ndarray, color: str, label: str) -> None:

@@ -11,7 +11,9 @@ import re
 from collections.abc import Callable
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -72,9 +74,9 @@ def _for_page(text: str, identity: str) -> str:
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
     text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
-    text = re.sub(r'\bid="', f'id="{identity}-', text)
-    text = re.sub(r'href="#', f'href="#{identity}-', text)
-    text = text.replace("url(#", f"url(#{identity}-")
+    # Numbered, as matplotlib's own names may follow addresses in memory.
+    own = {name: f"{identity}-{number}" for number, name in enumerate(re.findall(r'\bid="([^"]*)"', text))}
+    text = re.sub(r'\b(id="|href="#|url\(#)([^")]*)', lambda found: found[1] + own.get(found[2], found[2]), text)
     text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--sans)", text)
     for stand_in, variable in _THEME.items():
         text = text.replace(stand_in, variable)
@@ -88,3 +90,12 @@ def image_axes(axes: Axes, size: tuple[int, int]) -> None:
     axes.grid(False)
     for spine in axes.spines.values():
         spine.set_visible(True)
+
+
+def plain_log_ticks(axis: Axis, values: np.ndarray) -> None:
+    """Ticks at 1, 2, 5, 10, … within the values, written as plain numbers, on a logarithmic axis."""
+    decades = 10.0 ** np.arange(np.floor(np.log10(values.min())), np.ceil(np.log10(values.max())) + 1)
+    ticks = np.outer(decades, (1, 2, 5)).ravel()
+    ticks = ticks[(ticks >= values.min()) & (ticks <= values.max())]
+    axis.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    axis.set_ticks([], minor=True)
