@@ -1,6 +1,7 @@
 """The tables of "Calibration of fisheye camera using entrance pupil" (Fasogbon and Aksu), run again on synthetic views.
 
     OMP_NUM_THREADS=1 python benchmarks/paper_tables.py [--draws 300] [--noise 0.156] [--seed 0] [--workers 2]
+                                                        [--field 97.5] [--pupil 1]
 
 25 views at 100–150 mm of the 11 × 7 circle target (12 mm pitch and 4 mm radius, which the paper does not state). The
 features are true centres of gravity of projected discs, by an area integral, with Gaussian noise of σ per coordinate.
@@ -10,17 +11,20 @@ of its Table 1 (σ √(π/2)). Its pupil coefficients have no unit; read as mill
 Table 1: views of the proposed method's camera of Table 1, calibrated by every method.
 Table 2: noise drawn again and again. For each method the truth is the camera of its own kind that is nearest to the
 Table 1 camera (fitted to noiseless views of it), so that the Cramér–Rao bound means the same for all of them.
+--draws 0 leaves Table 2 out. --field and --pupil narrow the views and shrink E(θ), to see what the paper's errors imply.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from monte_carlo import Scene, fit_from_nothing, markdown, spread_over
 
+from fisheye_ep_calib import FisheyeCamera
 from fisheye_ep_calib.calibration.fit import Fit
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.simulation import paper_camera, paper_poses, paper_target
@@ -46,30 +50,47 @@ GROUPS = (("fx, fy", "f"), ("skew", "s"), ("cx, cy", "c"), ("e, mm", "e"), ("k",
 ANGLES = (30, 60, 80)  # degrees
 
 
+@dataclass(frozen=True)
+class Setting:
+    """noise: σ, px of each coordinate. field: degrees from the axis. pupil: factor on the Table 1 camera's E(θ)."""
+
+    noise: float
+    field: float = 97.5
+    pupil: float = 1.0
+
+    @property
+    def camera(self) -> FisheyeCamera:
+        camera = paper_camera()
+        coefficients = tuple(self.pupil * value for value in camera.coefficients)
+        return replace(camera, coefficients=coefficients, theta_max=np.radians(self.field))
+
+
 @cache
-def table_1_scene() -> Scene:
+def table_1_scene(setting: Setting) -> Scene:
     target = paper_target()
-    return Scene.create(paper_camera(), target, paper_poses(target))
+    return Scene.create(setting.camera, target, paper_poses(target))
 
 
 @cache
-def own_scene(method: str) -> Scene:
+def own_scene(setting: Setting, method: str) -> Scene:
     """Views, from the same poses, of the method's own camera that is nearest to the Table 1 camera."""
-    nearest = fit_from_nothing(table_1_scene().clean, Structure(method)).state.camera
-    return Scene.create(nearest, paper_target(), table_1_scene().poses)
+    scene = table_1_scene(setting)
+    nearest = fit_from_nothing(scene.clean, Structure(method)).state.camera
+    nearest = replace(nearest, theta_max=np.radians(setting.field))
+    return Scene.create(nearest, paper_target(), scene.poses)
 
 
 def in_millimetres(name: str) -> float:
     return 1e3 if name[0] == "e" else 1.0
 
 
-def table_1(noise: float, seed: int) -> Iterator[str]:
+def table_1(setting: Setting, seed: int) -> Iterator[str]:
     """Parameters, mean error and its standard deviation over the points, px."""
-    observations = table_1_scene().draw(noise, seed)
+    observations = table_1_scene(setting).draw(setting.noise, seed)
     fits = {method: fit_from_nothing(observations, Structure(method)) for method in METHODS}
     ours = {method: _column(fit) for method, fit in fits.items()}
     printed = {method: text.split() for method, text in PAPER_TABLE_1.items()}
-    truth = dict(zip(paper_camera().parameter_names, paper_camera().parameters, strict=True))
+    truth = dict(zip(setting.camera.parameter_names, setting.camera.parameters, strict=True))
     header = ["", "truth"]
     rows: list[Sequence[str]]
     for method in METHODS:
@@ -82,7 +103,7 @@ def table_1(noise: float, seed: int) -> Iterator[str]:
         rows.append(cells)
     yield markdown(header, rows)
     theta = np.radians(ANGLES)
-    rows = [("truth", *(f"{value:+.3f}" for value in 1e3 * paper_camera().entrance_pupil(theta)))]
+    rows = [("truth", *(f"{value:+.3f}" for value in 1e3 * setting.camera.entrance_pupil(theta)))]
     for method, fit in fits.items():
         rows.append((TITLES[method], *(f"{value:+.3f}" for value in 1e3 * fit.state.camera.entrance_pupil(theta))))
     yield markdown(("", *(f"E({angle}°), mm" for angle in ANGLES)), rows)
@@ -92,28 +113,29 @@ def _column(fit: Fit) -> list[str]:
     known = dict(zip(fit.state.camera.parameter_names, fit.state.camera.parameters, strict=True))
     cells = [f"{known[name] * in_millimetres(name):.4f}" if name in known else "–" for name in NAMES]
     length = np.hypot(*fit.residuals[0].T)
-    return [*cells, f"{length.mean():.4f}", f"{length.std():.4f}"]
+    return [*cells, f"{np.nanmean(length):.4f}", f"{np.nanstd(length):.4f}"]
 
 
-def one_draw(task: tuple[str, float, int]) -> tuple[np.ndarray, np.ndarray]:
+def one_draw(task: tuple[Setting, str, int]) -> tuple[np.ndarray, np.ndarray]:
     """Parameters (P,) and E at ANGLES, metres, of one draw."""
-    method, noise, seed = task
-    fit = fit_from_nothing(own_scene(method).draw(noise, seed), Structure(method))
+    setting, method, seed = task
+    fit = fit_from_nothing(own_scene(setting, method).draw(setting.noise, seed), Structure(method))
     assert fit.adjustment.converged
     return fit.state.camera.parameters, fit.state.camera.entrance_pupil(np.radians(ANGLES))
 
 
-def table_2(noise: float, draws: int, seed: int, workers: int) -> Iterator[str]:
+def table_2(setting: Setting, draws: int, seed: int, workers: int) -> Iterator[str]:
     """Standard deviations over the draws beside the bound and the paper's: by group, then by parameter."""
     groups: list[Sequence[str]] = []
     single: dict[str, dict[str, str]] = {}
     for method in METHODS:
-        results = spread_over(one_draw, [(method, noise, seed + draw) for draw in range(draws)], workers)
+        scene = own_scene(setting, method)
+        results = spread_over(one_draw, [(setting, method, seed + draw) for draw in range(draws)], workers)
         found, pupil = (np.stack([result[part] for result in results]) for part in (0, 1))
-        camera, names = own_scene(method).camera, own_scene(method).camera.parameter_names
+        camera, names = scene.camera, scene.camera.parameter_names
         unit = np.array([in_millimetres(name) for name in names])
         spread = unit * found.std(axis=0, ddof=1)
-        bound = unit * noise * np.sqrt(np.diag(own_scene(method).bound))
+        bound = unit * setting.noise * np.sqrt(np.diag(scene.bound))
         for label, values in (("measured", spread), ("bound", bound)):
             groups.append((TITLES[method], label, *_by_group(names, values)))
         if method in PAPER_TABLE_2:
@@ -125,7 +147,7 @@ def table_2(noise: float, draws: int, seed: int, workers: int) -> Iterator[str]:
         if len(camera.coefficients):
             part = camera.parameter_slice("coefficients")
             basis = camera.pupil_family.basis(np.radians(ANGLES), len(camera.coefficients))
-            limit = noise * np.sqrt(np.einsum("it,ij,jt->t", basis, own_scene(method).bound[part, part], basis))
+            limit = setting.noise * np.sqrt(np.einsum("it,ij,jt->t", basis, scene.bound[part, part], basis))
             for i, angle in enumerate(ANGLES):
                 spread_e, limit_e = 1e3 * pupil[:, i].std(ddof=1), 1e3 * limit[i]
                 single[method][f"E({angle}°)"] = f"{spread_e:.4g} / {limit_e:.4g} = {spread_e / limit_e:.3f}"
@@ -143,7 +165,7 @@ def _by_group(names: tuple[str, ...], values: np.ndarray) -> list[str]:
     means = []
     for _, first in GROUPS:
         chosen = [value for name, value in zip(names, values, strict=True) if name[0] == first]
-        means.append(f"{np.mean(chosen):.4f}" if chosen else "–")
+        means.append(f"{np.mean(chosen):.3g}" if chosen else "–")
     return means
 
 
@@ -153,12 +175,17 @@ def main() -> None:
     parser.add_argument("--noise", type=float, default=0.156, help="px of each coordinate")
     parser.add_argument("--seed", type=int, default=0, help="of the first draw")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--field", type=float, default=97.5, help="degrees from the axis that the views reach")
+    parser.add_argument("--pupil", type=float, default=1.0, help="factor on the Table 1 camera's E(θ)")
     arguments = parser.parse_args()
-    print(f"## Table 1, {arguments.noise} px of noise\n")
-    for part in table_1(arguments.noise, arguments.seed):
+    setting = Setting(arguments.noise, arguments.field, arguments.pupil)
+    print(f"## Table 1, {setting.noise} px of noise\n")
+    for part in table_1(setting, arguments.seed):
         print(part, end="\n\n")
-    print(f"## Table 2: standard deviations over {arguments.draws} draws, {arguments.noise} px of noise\n")
-    for part in table_2(arguments.noise, arguments.draws, arguments.seed, arguments.workers):
+    if arguments.draws == 0:
+        return
+    print(f"## Table 2: standard deviations over {arguments.draws} draws, {setting.noise} px of noise\n")
+    for part in table_2(setting, arguments.draws, arguments.seed, arguments.workers):
         print(part, end="\n\n" if part.endswith("|") else "\n")
 
 
