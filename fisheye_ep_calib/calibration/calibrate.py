@@ -160,10 +160,10 @@ def _refuse_undetermined(fit: Fit) -> None:
     """Refuse a camera whose focal length the views leave open."""
     _, values = fit.shared_parameters
     try:
-        variance = float(uncertainty(fit).shared[0, 0])
+        variance = np.diag(uncertainty(fit).shared)[:2]
     except np.linalg.LinAlgError:
-        variance = np.inf
-    if not 0 <= variance <= (0.2 * values[0]) ** 2:
+        variance = np.full(2, np.inf)
+    if not ((variance >= 0) & (variance <= (0.2 * values[:2]) ** 2)).all():
         raise CalibrationError(
             "the views do not determine the focal length (its standard deviation is over a fifth of its value): "
             "tilt the target differently between the views and show it near and far"

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.errors import InputError
 
 LOSS_DISTANCES = (0.1, 0.3, 1.0, 10.0)  # metres
 _GRID = 25  # pixels a side at which the two cameras are compared
@@ -50,7 +51,10 @@ def single_viewpoint(camera: FisheyeCamera, distance: float = np.inf) -> StandIn
         return start.with_parameters(parameters)
 
     def error(values):
-        return (_project(trial(values), points) - pixels).ravel()
+        try:
+            return (_project(trial(values), points) - pixels).ravel()
+        except InputError:  # a step too far, to no camera at all
+            return np.full(pixels.size, 1e6)
 
     def jacobian(values):
         _, _, _, d_parameters = trial(values).project_with_jacobian(points)
@@ -72,13 +76,23 @@ def _project(camera: FisheyeCamera, points: np.ndarray) -> np.ndarray:
     return camera.project(points)[0]
 
 
+def _field(camera: FisheyeCamera) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest pixel (2,) of the part of the image within theta_max, which may be small."""
+    azimuth = np.radians(np.arange(0, 360, 5))
+    theta = 0.999 * camera.theta_limit
+    rim = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta) + 0 * azimuth], -1)
+    pixels = _project(camera, 1e6 * rim)
+    last = np.array(camera.image_size) - 1.0
+    return np.clip(pixels.min(axis=0), 0, last), np.clip(pixels.max(axis=0), 0, last)
+
+
 def _points_over_image(camera: FisheyeCamera, distance: float) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (n, 2) over the image and the points (n, 3) seen there at a distance from the origin, metres.
 
     At infinity the points are unit directions, projected by a central camera alone.
     """
-    width, height = camera.image_size
-    u, v = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
+    low, high = _field(camera)
+    u, v = np.meshgrid(np.linspace(low[0], high[0], _GRID), np.linspace(low[1], high[1], _GRID))
     pixels = np.stack([u.ravel(), v.ravel()], axis=-1)
     origins, directions, valid = camera.unproject(pixels)
     if np.isinf(distance):
