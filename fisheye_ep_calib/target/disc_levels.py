@@ -12,6 +12,7 @@ from fisheye_ep_calib.target.pixel_patches import PixelPatches, fit_planes
 
 RING_REACH = 2.2
 SMALL_DISC = 10.0
+FEWEST_NEIGHBOURS = 6
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def measure_levels(
     noise = np.zeros(len(patches))
     kept = ring
     spread = patches.sum(ring * (patches.x**2 + patches.y**2)) / 2
-    trust = _trust(shape)
+    trust = _trust(shape) * (1.0 if len(center) >= FEWEST_NEIGHBOURS else 0.02)
     # Other discs and occluders are cut off: what is darker than the board, more closely each time.
     for share in (0.5, 0.75, 0.88, None):
         rest = patches.value - height(plane, patches)
@@ -100,7 +101,7 @@ def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> np.nda
     """Slopes (d, 2) of the board's brightness along x and y, from the levels around the neighbours of each
     disc.
     """
-    if len(center) < 6:
+    if len(center) < FEWEST_NEIGHBOURS:
         return np.zeros((len(center), 2))
     _, near = cKDTree(center).query(center, k=min(9, len(center)))
     offset = center[near] - center[:, None]

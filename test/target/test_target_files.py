@@ -1,0 +1,152 @@
+"""Target files: this project's keys, Kalibr's keys, and one clear line for whatever is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.target import load_target, parse_target
+from fisheye_ep_calib.target.charuco import Charuco
+
+SHIPPED = sorted((Path(__file__).resolve().parents[2] / "config" / "targets").glob("*.yaml"))
+DISCS = {"type": "circle_grid", "columns": 11, "rows": 7, "spacing": 0.012, "radius": 0.004}
+needs_aruco = pytest.mark.skipif(not hasattr(cv2, "aruco"), reason="this OpenCV has no aruco")
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_files_load_and_lie_on_their_board(path):
+    target = load_target(path)
+    assert target.name == path.stem
+    assert np.all(target.object_points[:, 2] == 0)
+    if target.kind in ("charuco", "aprilgrid") and not hasattr(cv2, "aruco"):
+        return
+    artwork = target.artwork()
+    assert (target.object_points[:, :2] > artwork.low).all()
+    assert (target.object_points[:, :2] < artwork.high).all()
+    assert (artwork.quads >= artwork.low).all() and (artwork.quads <= artwork.high).all()
+
+
+def test_every_kind_is_shipped():
+    assert {load_target(path).kind for path in SHIPPED} == {"circle_grid", "chessboard", "charuco", "aprilgrid"}
+
+
+def test_asymmetric_grid_as_opencv_has_it():
+    target = parse_target({**DISCS, "columns": 4, "rows": 3, "asymmetric": True, "spacing": 0.02})
+    first, second_row = target.object_points[0], target.object_points[4]
+    np.testing.assert_allclose(target.object_points[1] - first, [0.04, 0, 0])
+    np.testing.assert_allclose(second_row - first, [0.02, 0.02, 0])
+    # In the lattice of nearest neighbours they are a step apart.
+    steps = np.abs(target.lattice[4] - target.lattice[0]).sum()
+    assert steps == 1 and len(np.unique(target.lattice, axis=0)) == 12
+
+
+def test_kalibr_files():
+    board = parse_target(
+        {
+            "target_type": "checkerboard",
+            "targetCols": 6,
+            "targetRows": 7,
+            "rowSpacingMeters": 0.06,
+            "colSpacingMeters": 0.05,
+        }
+    )
+    assert board.kind == "chessboard" and len(board.object_points) == 42
+    np.testing.assert_allclose(board.object_points[7], [0.05, 0.06, 0])
+    discs = parse_target(
+        {
+            "target_type": "circlegrid",
+            "targetCols": 4,
+            "targetRows": 5,
+            "spacingMeters": 0.03,
+            "asymmetricGrid": True,
+        }
+    )
+    assert discs.disc_radius is None and discs.asymmetric
+    tags = parse_target({"target_type": "aprilgrid", "tagCols": 6, "tagRows": 5, "tagSize": 0.088, "tagSpacing": 0.3})
+    # Kalibr's order: the corners of a row of tags, from the bottom up.
+    np.testing.assert_allclose(tags.object_points[1], [0.088, 0, 0])
+    np.testing.assert_allclose(tags.object_points[2], [1.3 * 0.088, 0, 0])
+    np.testing.assert_allclose(tags.object_points[12], [0, 0.088, 0])
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"spacing": -0.012}, "spacing must be a positive number"),
+        ({"spacing": float("nan")}, "spacing must be a positive number"),
+        ({"spacing": "wide"}, "spacing must be a positive number"),
+        ({"spacing": True}, "spacing must be a positive number"),
+        ({"spacing": 12}, "radius"),
+        ({"spacing": 120}, "lengths are in metres"),
+        ({"radius": 0.0061}, "touch"),
+        ({"columns": 0}, "columns must be a whole number"),
+        ({"columns": 1.5}, "columns must be a whole number"),
+        ({"rows": 10**9}, "rows must be a whole number"),
+        ({"type": "hexagons"}, "unknown type 'hexagons'"),
+        ({"type": ["circle_grid"]}, "unknown type"),
+        ({"spacin": 1}, "did you mean spacing"),
+        ({"target_type": "circlegrid"}, "not both"),
+        ({"holed": [[11, 0]]}, "no \\[column, row\\]"),
+        ({"holed": [[1, 0], [1, 0]]}, "twice"),
+        ({"asymmetric": "perhaps"}, "true or false"),
+    ],
+)
+def test_what_is_wrong_is_named_in_one_line(change, words):
+    values = {**DISCS, **change}
+    if change.get("spacing") == 12:
+        values["radius"] = 7.0
+    with pytest.raises(InputError, match=words) as caught:
+        parse_target(values, "board.yaml")
+    assert "\n" not in str(caught.value) and "board.yaml" in str(caught.value)
+
+
+@pytest.mark.parametrize("missing", ["type", "columns", "rows", "spacing", "radius"])
+def test_a_missing_key_is_named(missing):
+    with pytest.raises(InputError, match=missing):
+        parse_target({key: value for key, value in DISCS.items() if key != missing})
+
+
+@pytest.mark.parametrize("text", ["", "just words", "a: [1", "- 1\n- 2", "\x00", "a: &a [*a]"])
+def test_files_that_are_no_target(tmp_path, text):
+    path = tmp_path / "t.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError):
+        load_target(path)
+
+
+def test_unreadable_files(tmp_path):
+    with pytest.raises(InputError, match="cannot read"):
+        load_target(tmp_path / "absent.yaml")
+    with pytest.raises(InputError, match="cannot read"):
+        load_target(tmp_path)
+    (tmp_path / "binary.yaml").write_bytes(bytes(range(128, 256)))
+    with pytest.raises(InputError):
+        load_target(tmp_path / "binary.yaml")
+
+
+@needs_aruco
+@pytest.mark.parametrize("columns, rows, legacy", [(5, 4, False), (5, 4, True), (4, 5, True), (5, 5, True)])
+def test_charuco_print_is_opencvs(columns, rows, legacy):
+    target = Charuco.create("c", columns, rows, 0.04, 0.03, "DICT_5X5_100", legacy)
+    board = cv2.aruco.CharucoBoard((columns + 1, rows + 1), 0.04, 0.03, target.detector().dictionary)
+    board.setLegacyPattern(legacy)
+    side = 56
+    theirs = board.generateImage(((columns + 1) * side, (rows + 1) * side), marginSize=0)
+    ours = np.full(theirs.shape, 255, np.uint8)
+    for quad in np.rint((target.artwork().quads + 0.04) / 0.04 * side).astype(int):
+        (left, top), (right, bottom) = quad.min(axis=0), quad.max(axis=0)
+        ours[top:bottom, left:right] = 0
+    assert np.array_equal(ours, theirs)
+
+
+def test_aruco_targets_say_what_is_missing(monkeypatch):
+    monkeypatch.delattr(cv2, "aruco", raising=False)
+    for path in SHIPPED:
+        target = load_target(path)
+        if target.kind in ("charuco", "aprilgrid"):
+            with pytest.raises(InputError, match=r"needs cv2.aruco.*pip install"):
+                target.detector()
