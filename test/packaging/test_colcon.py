@@ -63,7 +63,9 @@ def test_installed_executable_starts_from_the_install_space(workspace: Path, exe
 def test_everything_a_ros_user_looks_for_is_installed(workspace: Path) -> None:
     installed = workspace / "install" / "fisheye_ep_calib"
     share = installed / "share" / "fisheye_ep_calib"
-    assert (installed / "lib" / "fisheye_ep_calib" / "calibrator").is_file()
+    programs = {path.name for path in (installed / "lib" / "fisheye_ep_calib").iterdir()}
+    assert {"fisheye_ep_calib", "calibrator", "rectifier", "calibrate_bag"} <= programs
+    assert list(installed.rglob("report/templates/*.html"))
     assert (installed / "share/ament_index/resource_index/packages/fisheye_ep_calib").is_file()
     for name in ["package.xml", "config/calibrator.yaml", "launch/calibrator.launch.py"]:
         assert (share / name).is_file(), name

@@ -30,7 +30,7 @@ def test_one_version_everywhere() -> None:
 
 def test_entry_points_exist() -> None:
     entries = importlib.metadata.distribution("fisheye_ep_calib").entry_points
-    assert {"fisheye_ep_calib", "calibrator", "calibrate_bag"} <= {entry.name for entry in entries}
+    assert {"fisheye_ep_calib", "calibrator", "rectifier", "calibrate_bag"} <= {entry.name for entry in entries}
     for entry in entries:
         assert callable(entry.load()), entry.name
 
