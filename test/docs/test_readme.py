@@ -32,7 +32,8 @@ def rows_by_name() -> dict[str, list[str]]:
 
 
 def test_every_command_is_listed():
-    assert set(COMMANDS) <= set(rows_by_name())
+    listed = [[row[0].strip("`") for row in table] for table in tables() if ["calibrate"] == [table[0][0].strip("`")]]
+    assert sorted(listed[0]) == sorted(COMMANDS)
 
 
 def test_parameters_are_those_of_the_nodes():
