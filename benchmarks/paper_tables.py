@@ -11,7 +11,7 @@ of its Table 1 (σ √(π/2)). Its pupil coefficients have no unit; read as mill
 Table 1: views of the proposed method's camera of Table 1, calibrated by every method.
 Table 2: noise drawn again and again. For each method the truth is the camera of its own kind that is nearest to the
 Table 1 camera (fitted to noiseless views of it), so that the Cramér–Rao bound means the same for all of them.
---draws 0 leaves Table 2 out. --field and --pupil narrow the views and shrink E(θ), to see what the paper's errors imply.
+--draws 0 leaves Table 2 out. --field and --pupil narrow the views and shrink E(θ): what do the paper's errors imply?
 """
 
 from __future__ import annotations
