@@ -25,6 +25,8 @@ MOST_LATTICES = 4
 TOO_MANY = 1.5
 UNKNOWN_RATIO = 2.4
 USUAL_ERROR = 0.08
+# Of an offset from the prediction, the share that may vary from feature to feature.
+MODEL_ERROR = 0.08
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class CircleGridDetector:
         good = found.good.copy()
         if good.any():
             offset = found.center[good] - expected[good]
-            common = stays_smooth(points[index[good]], offset, USUAL_ERROR)
+            common = stays_smooth(points[index[good]], offset, USUAL_ERROR + MODEL_ERROR * _typical(offset))
             common &= np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * minor_axis(shape[good])
             allowed = np.where(hole[good] > 0, np.inf, found[good].size_error)
             good[good] = common & stays_smooth(points[index[good]], found[good].log_radius_ratio, allowed)
@@ -140,6 +142,11 @@ class CircleGridDetector:
         marks = {tuple(cell) for cell in self.target.lattice[list(self.target.holed)].tolist()}
         hits = sum(tuple(cell) in marks for cell in placement(marked).tolist())
         return 2.0 * hits - len(marked)
+
+
+def _typical(offset: np.ndarray) -> float:
+    """Median length of offsets (k, 2)."""
+    return float(np.median(np.hypot(*offset.T)))
 
 
 def _reduced(image: np.ndarray, factor: int) -> np.ndarray:

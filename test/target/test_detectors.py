@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from found import evaluate, same_lattice
+from detection_scores import evaluate, same_lattice
 
 from fisheye_ep_calib.simulation import Imaging, feature_pixels, look_pose, paper_camera, render
-from fisheye_ep_calib.simulation.evaluation_set import VIEW_KINDS, evaluation_set
+from fisheye_ep_calib.simulation.evaluation_set import evaluation_set
 from fisheye_ep_calib.target import load_target, parse_target
 from fisheye_ep_calib.target.circle_grid import CircleGrid
 
@@ -40,10 +40,10 @@ def check(target, views, share, error) -> None:
 
 
 @pytest.mark.parametrize("name, share, error", GOALS, ids=[goal[0] for goal in GOALS])
-def test_one_view_of_each_kind(name, share, error, request):
+def test_hard_views(name, share, error, request):
     target = shipped(name, request)
     views = evaluation_set(CAMERA, target, seed=3)
-    chosen = [next(view for view in views if view.kind == kind.name) for kind in VIEW_KINDS]
+    chosen = [next(view for view in views if view.kind == kind) for kind in ("steep", "edge", "occluded")]
     check(target, chosen, share - 0.03, 1.5 * error)
 
 
@@ -83,7 +83,7 @@ def test_a_disc_half_hidden_is_left_out():
             ):
                 offset = np.linalg.norm(detection.pixels[:, None] - truth, axis=-1).min(axis=1)
                 assert len(detection) >= 25
-                assert offset.max() < 0.12
+                assert offset.max() < 0.15
 
 
 def test_a_kalibr_circle_grid_needs_no_radius():
