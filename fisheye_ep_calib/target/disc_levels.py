@@ -11,6 +11,7 @@ from fisheye_ep_calib.target.ellipse import EllipsePosition, half_box, major_axi
 from fisheye_ep_calib.target.pixel_patches import PixelPatches, fit_planes
 
 RING_REACH = 2.2
+RING_WIDTH = 7.0
 SMALL_DISC = 10.0
 FEWEST_NEIGHBOURS = 6
 
@@ -45,47 +46,54 @@ def measure_levels(
     """
     band = 2.0 * blur + 0.7
     # Near the edge, where the ground counts, but wide enough for a small disc.
-    reach = 1 + np.maximum(0.15, (band + 9.0) / np.maximum(minor_axis(shape), 1))
+    reach = 1 + np.maximum(0.15, (band + RING_WIDTH) / np.maximum(minor_axis(shape), 1))
     reach = np.minimum(reach, min(RING_REACH, max(ratio - 0.8, 1.3)))
-    stride = np.maximum(1, (major_axis(shape) / 10).astype(int))
-    patches = PixelPatches.cut(image, center, reach[:, None] * half_box(shape) + 2.0, stride)
-    ellipse = EllipsePosition.of(patches, shape)
-    core = (ellipse.distance < -band[patches.owner]) | (ellipse.radius < 0.5)
+    stride = np.maximum(1, (major_axis(shape) / 7).astype(int))
+    box = PixelPatches.cut(image, center, reach[:, None] * half_box(shape) + 2.0, stride)
+    ellipse = EllipsePosition.of(box, shape)
+    core = (ellipse.distance < -box.spread(band)) | (ellipse.radius < 0.5)
     if (hole > 0).any():
-        core = (ellipse.radius < 0.8) & (ellipse.radius > np.where(hole > 0, hole + 0.15, -1)[patches.owner])
-    dark = patches.mean(patches.value, core)
-    ring = (ellipse.distance > band[patches.owner]) & (
-        ellipse.radius < reach.astype(np.float32)[patches.owner]
-    )
-    total = np.maximum(patches.sum(ring), 1)
-    light = patches.mean(patches.value, ring)
-    bright = patches.value > (0.5 * (light + dark)).astype(np.float32)[patches.owner]
-    light = patches.mean(patches.value, ring & bright)
+        core = (ellipse.radius < 0.8) & (ellipse.radius > box.spread(np.where(hole > 0, hole + 0.15, -1)))
+    dark = box.mean(box.value, core)
+    outside = (ellipse.distance > box.spread(band)) & (ellipse.radius < box.spread(reach))
+    trust = _trust(shape) * (1.0 if len(center) >= FEWEST_NEIGHBOURS else 0.02)
+    plane, noise, share_kept = _board_planes(*box.select(outside), center, shape, dark, trust)
+    # Light falls on disc and board alike: a small disc's slope is taken as the board's in proportion.
+    share = np.clip(dark / np.maximum(plane[:, 0], 1e-6), 0, 0.95)
+    inside, meant = box.select(core)
+    squares = inside.sum(meant * (inside.x**2 + inside.y**2)) / 2
+    expected = share[:, None] * plane[:, 1:]
+    dark_plane = fit_planes(inside, meant.astype(np.float32), expected, (0.2 + trust) * squares)
+    return Levels(plane, dark_plane, noise, (share_kept > 0.2) & (inside.sum(meant) > 0))
 
+
+def _board_planes(
+    patches: PixelPatches,
+    ring: np.ndarray,
+    center: np.ndarray,
+    shape: np.ndarray,
+    dark: np.ndarray,
+    trust: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Planes (d, 3) through the rings (p,) bool, their noise (d,), and the share of each ring that was used (d,)."""
+    light = patches.mean(patches.value, ring)
+    light = patches.mean(patches.value, ring & (patches.value > patches.spread(0.5 * (light + dark))))
     plane = np.stack([light, *np.zeros((2, len(patches)))], axis=-1)
     noise = np.zeros(len(patches))
     kept = ring
-    spread = patches.sum(ring * (patches.x**2 + patches.y**2)) / 2
-    trust = _trust(shape) * (1.0 if len(center) >= FEWEST_NEIGHBOURS else 0.02)
+    squares = patches.sum(ring * (patches.x**2 + patches.y**2)) / 2
     # Other discs and occluders are cut off: what is darker than the board, more closely each time.
     for share in (0.5, 0.75, 0.88, None):
         rest = patches.value - height(plane, patches)
         if share is None:
-            kept = kept & (np.abs(rest) < np.maximum(2.5 * noise, 2).astype(np.float32)[patches.owner])
+            kept = kept & (np.abs(rest) < patches.spread(np.maximum(2.5 * noise, 2)))
         else:
-            depth = np.maximum((1 - share) * (plane[:, 0] - dark), 1.5)
-            kept = ring & (rest > -depth.astype(np.float32)[patches.owner])
+            kept = ring & (rest > patches.spread(-np.maximum((1 - share) * (plane[:, 0] - dark), 1.5)))
         expected = _shading(center, patches.mean(patches.value, kept), shape)
-        plane = fit_planes(patches, kept.astype(np.float32), expected, trust * spread)
+        plane = fit_planes(patches, kept.astype(np.float32), expected, trust * squares)
         noise = np.sqrt(patches.mean(rest**2, kept))
-    # Light falls on disc and board alike: a small disc's slope is taken as the board's in proportion.
-    share = np.clip(dark / np.maximum(plane[:, 0], 1e-6), 0, 0.95)
-    inside = patches.sum(core * (patches.x**2 + patches.y**2)) / 2
-    dark_plane = fit_planes(
-        patches, core.astype(np.float32), share[:, None] * plane[:, 1:], (0.2 + trust) * inside
-    )
-    enough = (patches.sum(kept) > np.maximum(5, 0.2 * total)) & (patches.sum(core) > 0)
-    return Levels(plane, dark_plane, noise, enough)
+    used = patches.sum(kept)
+    return plane, noise, np.where(used > 5, used / np.maximum(patches.sum(ring), 1), 0.0)
 
 
 def _trust(shape: np.ndarray) -> np.ndarray:
@@ -116,5 +124,5 @@ def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> np.nda
 
 def height(plane: np.ndarray, patches: PixelPatches) -> np.ndarray:
     """Values (p,) at the pixels of planes (d, 3)."""
-    plane = plane.astype(np.float32)[patches.owner]
-    return plane[:, 0] + plane[:, 1] * patches.x + plane[:, 2] * patches.y
+    level, slope_x, slope_y = (patches.spread(column) for column in plane.T)
+    return level + slope_x * patches.x + slope_y * patches.y

@@ -42,8 +42,7 @@ class EllipsePosition:
     @staticmethod
     def of(patches: PixelPatches, shape: np.ndarray) -> EllipsePosition:
         inverse = np.linalg.inv(shape).astype(np.float32)
-        size = np.diff(np.append(patches.start, len(patches.x)))
-        xx, xy, yy = (np.repeat(inverse[:, i, j], size) for i, j in ((0, 0), (0, 1), (1, 1)))
+        xx, xy, yy = (patches.spread(inverse[:, i, j]) for i, j in ((0, 0), (0, 1), (1, 1)))
         gradient_x, gradient_y = xx * patches.x + xy * patches.y, xy * patches.x + yy * patches.y
         radius = np.sqrt(patches.x * gradient_x + patches.y * gradient_y)
         slope = np.sqrt(gradient_x**2 + gradient_y**2) / np.maximum(radius, 1e-6)

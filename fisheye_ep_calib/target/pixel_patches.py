@@ -57,6 +57,27 @@ class PixelPatches:
     def __len__(self) -> int:
         return len(self.start)
 
+    @property
+    def size(self) -> np.ndarray:
+        """Pixels (d,) of each patch."""
+        return np.diff(np.append(self.start, len(self.x)))
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Values (d,) of the patches, repeated for each of their pixels (p,), float32."""
+        return np.repeat(values.astype(np.float32), self.size)
+
+    def select(self, kept: np.ndarray) -> tuple[PixelPatches, np.ndarray]:
+        """The patches cut down to the pixels kept (p,) bool, and which of those are meant (q,).
+
+        Each patch keeps its first pixel besides, so that no segment is empty; that one is then not meant.
+        """
+        taken = kept.copy()
+        taken[self.start] = True
+        size = self.sum(taken).astype(np.int64)
+        index = np.flatnonzero(taken)
+        columns = (self.owner[index], self.x[index], self.y[index], self.value[index])
+        return PixelPatches(*columns, np.cumsum(size) - size), kept[index]
+
     def sum(self, values: np.ndarray) -> np.ndarray:
         """Sums over each patch, (d,)."""
         return np.add.reduceat(values, self.start, dtype=np.float64) if len(self) else np.zeros(0)
