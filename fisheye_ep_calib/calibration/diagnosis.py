@@ -94,7 +94,7 @@ def _reachable(camera: FisheyeCamera, rings: int) -> np.ndarray:
     width, height = camera.image_size
     theta = np.radians(RING_DEGREES * (np.arange(rings) + 0.5))
     angle = 2 * np.pi * np.arange(SECTORS) / SECTORS
-    theta, angle = np.meshgrid(np.minimum(theta, camera.theta_max), angle, indexing="ij")
+    theta, angle = np.meshgrid(theta, angle, indexing="ij")
     directions = np.stack([np.sin(theta) * np.cos(angle), np.sin(theta) * np.sin(angle), np.cos(theta)], -1)
     pixels, valid = camera.project(directions * _FAR)
     return valid & (pixels >= 0).all(axis=-1) & (pixels <= [width - 1, height - 1]).all(axis=-1)

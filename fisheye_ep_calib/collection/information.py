@@ -15,6 +15,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.fit import first_fit, sightings_of
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.rotation import rotation_from_vector
+from fisheye_ep_calib.calibration.view_information import view_information
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.target.base import Target
@@ -133,29 +134,9 @@ def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
 
 
 def _views(camera: FisheyeCamera, points: np.ndarray, images: np.ndarray, poses: np.ndarray) -> _Views:
-    """What views at poses (F, 4, 4) would show of points (n, 3), and tell of the camera once each pose is free.
-
-    With A, B the derivatives of the pixels by the camera and by the pose: Aᵀ A − Aᵀ B (Bᵀ B)⁻¹ Bᵀ A.
-    """
-    turned = points @ np.swapaxes(poses[:, :3, :3], -1, -2)
-    pixels, valid, d_point, d_camera = camera.project_with_jacobian(turned + poses[:, None, :3, 3])
-    inside = valid & ((pixels > 0) & (pixels < np.array(camera.image_size) - 1)).all(axis=-1)
-    # ∂(ω × q + t): a turn by ω about the target's origin moves q = R p by −[q]× ω.
-    cross = np.zeros((*turned.shape, 3))
-    for axis in range(3):
-        after, last = (axis + 1) % 3, (axis + 2) % 3
-        cross[..., axis, after], cross[..., axis, last] = turned[..., last], -turned[..., after]
-    d_pose = np.concatenate([d_point @ cross, d_point], axis=-1)
-    shape = (len(poses), -1)
-    a = np.where(inside[..., None, None], d_camera, 0).reshape(*shape, d_camera.shape[-1])
-    b = np.where(inside[..., None, None], d_pose, 0).reshape(*shape, 6)
-    b_b = np.swapaxes(b, -1, -2) @ b
-    scale = np.trace(b_b, axis1=-2, axis2=-1)[:, None, None]
-    a_b = np.swapaxes(a, -1, -2) @ b
-    folded = a_b @ np.linalg.solve(b_b + (1e-12 * scale + 1e-30) * np.eye(6), np.swapaxes(a_b, -1, -2))
-    information = np.swapaxes(a, -1, -2) @ a - folded
-    information[inside.sum(axis=-1) < 4] = 0
-    return _Views(images, np.where(inside[..., None], pixels, np.nan), information)
+    """What images with the target at poses (F, 4, 4) would show of points (n, 3), and tell of the camera."""
+    told = view_information(camera, points, poses)
+    return _Views(images, told.pixels, told.information)
 
 
 def _greedy(camera: FisheyeCamera, known: _Views, candidates: _Views, room: int, least_motion: float) -> list[int]:
