@@ -75,7 +75,7 @@ def _ellipses(mask: np.ndarray, holes: bool) -> Blobs:
         (area >= 9) & (np.minimum(width, height) >= 3) & (np.maximum(width, height) < 0.4 * max(mask.shape))
     )
     # A bounding box is fullest around an upright ellipse (π/4), emptiest around a slanted thin one.
-    sized &= (area > 0.2 * width * height) & (area < 0.95 * width * height + 4)
+    sized &= (area > 0.28 * width * height) & (area < 0.95 * width * height + 4)
     sized[0] = False
     chosen = np.flatnonzero(sized)
     if len(chosen) > MOST_BLOBS:
@@ -88,7 +88,8 @@ def _ellipses(mask: np.ndarray, holes: bool) -> Blobs:
     own = compact[labels.ravel()]
     place = np.flatnonzero(own >= 0)
     own = own[place]
-    return _from_moments(own, place % mask.shape[1], place // mask.shape[1], len(chosen), hole_area)
+    row = place.astype(np.int32) // mask.shape[1]
+    return _from_moments(own, place - row * mask.shape[1], row, len(chosen), hole_area)
 
 
 def _from_moments(own: np.ndarray, x: np.ndarray, y: np.ndarray, count: int, hole_area: np.ndarray) -> Blobs:

@@ -19,7 +19,7 @@ from fisheye_ep_calib.target.labelling import Placement, label_patch
 from fisheye_ep_calib.target.lattice import Lattice, grow_lattices
 
 FEWEST_DISCS = 9
-SEARCH_SIDE = 1100
+SEARCH_SIDE = 700
 WINDOWS = (31, 121)
 MOST_LATTICES = 4
 TOO_MANY = 1.5
@@ -38,7 +38,7 @@ class _Found:
 
 
 class CircleGridDetector:
-    """Searches at about 1000 pixels a side, measures at full resolution."""
+    """Searches at about 700 pixels a side, measures at full resolution."""
 
     def __init__(self, target) -> None:
         self.target = target

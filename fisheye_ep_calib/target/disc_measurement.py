@@ -67,7 +67,7 @@ def measure_discs(
     ratio: float,
     hole: np.ndarray | None = None,
     keep_shape: bool = False,
-    rounds: int = 3,
+    rounds: int = 2,
 ) -> Measurement:
     """Measure discs near center (k, 2) that look like the ellipses shape (k, 2, 2).
 
