@@ -7,6 +7,7 @@ and what is known about the calibration. ``docs/model.md`` names every field.
 from __future__ import annotations
 
 import datetime
+import operator
 from dataclasses import dataclass, field
 from importlib import metadata
 from os import PathLike
@@ -133,7 +134,7 @@ def read_camera_file(path: str | PathLike) -> CameraFile:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path} is not valid YAML: {_first_line(error)}") from None
     try:
         return _camera_file(content)
@@ -152,7 +153,7 @@ def _camera_file(content: dict) -> CameraFile:
     if not isinstance(content, dict):
         raise InputError("a camera file is a mapping")
     stand_in = _stand_in(content)
-    name = str(content.get("camera_name", "camera"))
+    name = _text(content, "camera_name", "camera")
     block = content.get("entrance_pupil")
     if block is None:
         return CameraFile(name, stand_in, stand_in, np.zeros((len(stand_in.parameters),) * 2))
@@ -169,24 +170,24 @@ def _camera_file(content: dict) -> CameraFile:
         float(intrinsics["cy"]),
         float(intrinsics["skew"]),
         tuple(_floats(block["radial"])),
-        str(block["model"]),
+        _text(block, "model"),
         tuple(_floats(block["coefficients"])),
         {
             extra: values
             for extra, values in extras.items()
             if any(values) or set(LENS_EXTRAS[extra].coefficient_names) & set(parameters)
         },
-        str(block.get("lens", "kannala_brandt")),
+        _text(block, "lens", "kannala_brandt"),
         float(block.get("theta_max", np.pi)),
     )
     svp = block.get("svp", {})
-    calibration = dict(block.get("calibration", {}))
+    calibration = {str(key): _fact(f"calibration: {key}", value) for key, value in _facts(block).items()}
     return CameraFile(
         name,
         camera,
         stand_in,
         _covariance(block, camera),
-        float(svp.get("distance", np.inf)),
+        _stand_in_distance(svp.get("distance", np.inf)),
         {float(key): float(value) for key, value in svp.get("loss_px", {}).items()},
         _board_warp(calibration.get("board_warp", ())),
         calibration,
@@ -199,7 +200,7 @@ def _stand_in(content: dict) -> FisheyeCamera:
     if content["distortion_model"] != "equidistant":
         raise InputError(f"distortion_model {content['distortion_model']!r} is not equidistant")
     matrix = np.array(_floats(content["camera_matrix"]["data"])).reshape(3, 3)
-    size = int(content["image_width"]), int(content["image_height"])
+    size = operator.index(content["image_width"]), operator.index(content["image_height"])
     if not (0 < size[0] <= 1 << 16 and 0 < size[1] <= 1 << 16):
         raise InputError(f"an image of {size[0]}×{size[1]} pixels is not possible")
     distortion = tuple(_floats(content["distortion_coefficients"]["data"]))
@@ -208,6 +209,38 @@ def _stand_in(content: dict) -> FisheyeCamera:
     return FisheyeCamera(
         size, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], skew=matrix[0, 1], radial=distortion
     )
+
+
+def _text(block: dict, key: str, default: str | None = None) -> str:
+    value = block[key] if default is None else block.get(key, default)
+    if not isinstance(value, str | int | float):
+        raise InputError(f"{key} must be text")
+    return str(value)
+
+
+def _facts(block: dict) -> dict:
+    facts = block.get("calibration") or {}
+    if not isinstance(facts, dict):
+        raise InputError("calibration must be a list of keys and values")
+    return facts
+
+
+def _fact(name: str, value):
+    """A number, a text, a date, or a list of them: what a program can print."""
+    if isinstance(value, list) and not any(isinstance(one, list) for one in value):
+        return [_fact(name, one) for one in value]
+    if isinstance(value, datetime.date):
+        return value.isoformat()
+    if value is not None and not isinstance(value, str | int | float):
+        raise InputError(f"{name} must be a number, a text or a list of them")
+    return value
+
+
+def _stand_in_distance(value) -> float:
+    distance = float(value)
+    if not distance > 0:
+        raise InputError(f"svp: distance must be positive, not {distance}")
+    return distance
 
 
 def _checked_table(block: dict) -> dict:
