@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
+import os
 import sys
 from pathlib import Path
 
 from fisheye_ep_calib.calibration import CalibrationResult, calibrate
 from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.collector import Guide
-from fisheye_ep_calib.commands.reporting import CalibrationReports
+from fisheye_ep_calib.commands.json_text import json_text
+from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing
 from fisheye_ep_calib.commands.sources import CameraSource, add_source_arguments, camera_sources
 from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
 from fisheye_ep_calib.errors import CalibrationError, InputError
@@ -84,6 +85,8 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.svp_distance > 0:
         raise InputError("--svp-distance must be positive")
     output = _free_folder(arguments.output)
+    pages = [] if arguments.no_report else [output / PAGE]
+    refuse_existing([*pages, output / RECORD], arguments.overwrite)  # before hours of images are looked at
     reports, failures = {}, []
     with (
         camera_sources(arguments) as (cameras, look_again),
@@ -100,12 +103,13 @@ def run(arguments: argparse.Namespace) -> int:
                 if not result.converged:
                     raise CalibrationError(f"the fit did not converge; its best state is in {path}")
             except CalibrationError as error:
-                if len(cameras) == 1:
-                    raise
                 failures.append(error)
-                print(f"{camera.name}: error: {error}", file=sys.stderr)
-    if arguments.json:
-        print(json.dumps({"cameras": reports}, ensure_ascii=False))
+                if len(cameras) > 1:
+                    print(f"{camera.name}: error: {error}", file=sys.stderr)
+    if arguments.json and (reports or len(cameras) > 1):
+        print(json_text({"cameras": reports}))
+    if len(cameras) == 1 and failures:
+        raise failures[0]
     return max((error.exit_code for error in failures), default=0)
 
 
@@ -140,12 +144,22 @@ def _calibrate(camera: CameraSource, look_again, arguments: argparse.Namespace):
 def _free_folder(given: Path | None) -> Path:
     """The folder given, or the first of calibration, calibration_2, … that is not there yet."""
     if given is not None:
-        return given
+        return _usable_folder(given)
     number, folder = 1, Path(DEFAULT_OUTPUT)
     while folder.exists():
         number += 1
         folder = Path(f"{DEFAULT_OUTPUT}_{number}")
     return folder
+
+
+def _usable_folder(given: Path) -> Path:
+    """The folder given, where results can be written in it or in the nearest folder above it."""
+    there = next(place for place in (given, *given.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise InputError(f"--output {given}: {there} is not a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"--output {given}: no permission to write in {there}")
+    return given
 
 
 def _refuse_overwriting(output: Path, cameras: list[CameraSource], overwrite: bool) -> None:

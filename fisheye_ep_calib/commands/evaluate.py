@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
 from fisheye_ep_calib.calibration.evaluation import Evaluation, evaluate_camera
+from fisheye_ep_calib.commands.json_text import json_text
 from fisheye_ep_calib.commands.reporting import refuse_existing, write_evaluation_report
 from fisheye_ep_calib.commands.sources import add_source_arguments, camera_sources
 from fisheye_ep_calib.errors import InputError
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name, reason in failed.items():
         print(f"{name}: {reason}", file=sys.stderr)
     if arguments.json:
-        print(json.dumps(_json(found, failed)))
+        print(json_text(_json(found, failed)))
         return 0
     print(f"{len(found.images)} views, {found.points} points; {len(failed)} views without a pose")
     print(f"RMS {found.rms_px:.4f} px, median {found.median_px:.4f} px, 95 % below {found.p95_px:.4f} px")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
 
 from fisheye_ep_calib.calibration.uncertainty import pupil_sigma, radius_sigma
+from fisheye_ep_calib.commands.json_text import json_text
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
 
 DESCRIPTION = "Print a camera file: intrinsics, entrance pupil E(θ) and image radius r(θ) with their 1σ bands."
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     file = read_camera_file(arguments.camera)
     content = camera_json(file)
-    print(json.dumps(content, ensure_ascii=False) if arguments.json else _text(file, content))
+    print(json_text(content) if arguments.json else _text(file, content))
     return 0
 
 
@@ -53,12 +53,9 @@ def camera_json(file: CameraFile) -> dict:
         "E_sigma_m": pupil_sigma(camera, covariance, theta).tolist(),
         "r_px": (camera.fx * camera.radius(theta)).tolist(),
         "r_sigma_px": radius_sigma(camera, covariance, theta).tolist(),
-        "projection_uncertainty": {
-            key: [value if np.isfinite(value) else "inf" for value in values] if key == "distance_m" else values
-            for key, values in file.projection_uncertainty.items()
-        },
+        "projection_uncertainty": file.projection_uncertainty,
         "svp": {
-            "distance": file.stand_in_distance if np.isfinite(file.stand_in_distance) else "inf",
+            "distance": file.stand_in_distance,
             "loss_px": {str(key): value for key, value in file.stand_in_loss_px.items()},
         },
         "calibration": file.calibration,

@@ -107,8 +107,12 @@ def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraS
     if files and len(files) < len(paths):
         raise InputError("give observation files or recordings, not both at once")
     if files:
-        yield [_from_file(path, arguments.split) for path in files], None
+        if arguments.topic:
+            raise InputError("--topic names images in recordings; an observation file has none")
+        yield _differently_named([_from_file(path, arguments.split) for path in files]), None
         return
+    if arguments.split is not None:
+        raise InputError("--split is for observation files; recordings have none")
     source = ", ".join(map(str, paths))
     with looking(arguments) as place:
         runs = place.collector.collect(tuple(place.topics.values()), place.choice)
@@ -127,6 +131,18 @@ def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraS
             }
 
         yield cameras, look_again
+
+
+def _differently_named(cameras: list[CameraSource]) -> list[CameraSource]:
+    """Results are named after the files: two of one name would overwrite each other."""
+    first: dict[str, str] = {}
+    for camera in cameras:
+        if camera.name.lower() in first:
+            raise InputError(
+                f"{first[camera.name.lower()]} and {camera.source} would both be called {camera.name}: rename one"
+            )
+        first[camera.name.lower()] = camera.source
+    return cameras
 
 
 def _with_images(camera: CameraSource, recording: Recording) -> CameraSource:

@@ -23,7 +23,7 @@ _FILES = ("base.html", "page.html", "camera.html", "compare.html", "tables.html"
 
 def write_report(path: str | PathLike, cameras: Sequence[CameraReport], title: str = "") -> None:
     """Write the cameras' report whole or not at all."""
-    atomic_write(path, report_html(cameras, title).encode())
+    atomic_write(path, report_html(cameras, title).encode(errors="backslashreplace"))
 
 
 def report_html(cameras: Sequence[CameraReport], title: str = "") -> str:

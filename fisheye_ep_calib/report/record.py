@@ -56,7 +56,7 @@ def write_record(path: str | PathLike, cameras: dict[str, dict], options: dict) 
         "cameras": cameras,
     }
     text = json.dumps(_plain(content), ensure_ascii=False, indent=1, allow_nan=False)
-    atomic_write(path, (text + "\n").encode())
+    atomic_write(path, (text + "\n").encode(errors="backslashreplace"))
 
 
 def _plain(value):

@@ -1,0 +1,21 @@
+"""Results as JSON on stdout."""
+
+from __future__ import annotations
+
+import json
+import math
+
+
+def json_text(content: dict) -> str:
+    """One line that every JSON reader takes: ASCII, NaN as null, infinities as the words inf and -inf."""
+    return json.dumps(_plain(content), allow_nan=False)
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value
