@@ -27,7 +27,16 @@ from fisheye_ep_calib.calibration.evaluation import evaluate_camera
 from fisheye_ep_calib.simulation import RayTracedCamera, laikin_camera, observe, paper_poses, paper_target, random_poses
 
 NOISE = 0.05  # px of each coordinate
-MODELS = ("kannala", "ep_odd", "ep_even", "gennery", "auto")
+MODELS: dict[str, tuple[str, dict]] = {
+    "kannala": ("kannala", {}),
+    "ep_odd_target_axis": ("ep_odd_target_axis", {}),
+    "ep_odd": ("ep_odd", {}),
+    "ep_even": ("ep_even", {}),
+    "ep_even, 4 terms": ("ep_even", {"terms": 4}),
+    "gennery": ("gennery", {}),
+    "auto": ("auto", {}),
+}
+PRINTED = "ep_odd_target_axis"  # the paper's equation as printed: no camera that could be used elsewhere
 EDGE = np.radians(88)
 FIELDS = (88, 100)  # degrees, half
 DISTANCES = (0.06, 0.125, 0.4, 1.0, 5.0, 1e6)  # metres
@@ -72,10 +81,13 @@ def independent_views(file: Path) -> TracedViews:
 def table(views: TracedViews) -> tuple[str, dict[str, CalibrationResult]]:
     """A Markdown table, and the results under noise by model."""
     rows, results = [], {}
-    for model in MODELS:
-        cells = [model]
+    for name, (model, options) in MODELS.items():
+        cells = [name]
         for calibration, held_out in (views.clean, views.noisy):
-            result = calibrate(calibration, model)
+            result = calibrate(calibration, model, **options)
+            if model == PRINTED:
+                cells += [f"{result.rms_px:.4f}", "–", "–"]
+                continue
             measured = evaluate_camera(result.camera, held_out, result.board_warp)
             error = np.abs(result.camera.entrance_pupil(views.theta) - views.pupil).max()
             cells += [
@@ -83,7 +95,8 @@ def table(views: TracedViews) -> tuple[str, dict[str, CalibrationResult]]:
                 f"{measured.rms_px:.4f}",
                 f"{100 * error / np.abs(views.pupil[-1]):.1f} %",
             ]
-        results[model] = result
+        if model != PRINTED:
+            results[name] = result
         chosen = f" ({result.model}, {len(result.camera.coefficients)} terms)" if model == "auto" else ""
         rows.append([cells[0] + chosen, *cells[1:], str(len(result.rejected))])
     header = (
