@@ -122,7 +122,7 @@ def test_a_corner_is_fitted_to_hundredths_of_a_pixel(axes):
     for place in rng.uniform(38, 42, (5, 2)):
         fit = fit_saddles(drawn_corner(place, axes), place[None] + rng.uniform(-0.8, 0.8, 2), axes[None])
         assert fit.good(np.ones(1))[0]
-        assert np.hypot(*(fit.pixels[0] - place)) < 0.02
+        assert np.hypot(*(fit.pixels[0] - place)) < 0.03
 
 
 def test_a_marker_beside_the_corner_does_not_pull_it():
@@ -131,7 +131,7 @@ def test_a_marker_beside_the_corner_does_not_pull_it():
     image = drawn_corner(place, axes)
     image[48:60, 48:60] = 30
     fit = fit_saddles(image, place[None], axes[None], depth=np.array([[0.35, 1.0]]))
-    assert np.hypot(*(fit.pixels[0] - place)) < 0.02
+    assert np.hypot(*(fit.pixels[0] - place)) < 0.03
 
 
 @pytest.mark.parametrize("radii", [(4.0, 3.2), (12.0, 7.0), (40.0, 35.0)])
