@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -83,20 +84,18 @@ class Collector:
             key = search_key(self._recording, topics, self._target)
             self._log = DetectionLog(self._log_path, key, self._resume)
         counts = {topic: self._recording.count(topic) for topic in topics}
+        first = {topic: first_look(counts[topic], choice) for topic in topics}
         seen: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
-        planned = {topic: first_look(counts[topic], choice) for topic in topics}
-        interrupted = False
-        expected = sum(min(count, max(choice.max_views, len(planned[t]))) for t, count in counts.items())
+        expected = sum(min(count, max(choice.max_views, len(first[topic]))) for topic, count in counts.items())
+
+        def next_jobs(topic: str) -> list[Job]:
+            return [Job(topic, index) for index in self._next_look(seen[topic], counts[topic], choice)]
+
         with self._progress("looking for the target", expected) as progress:
-            try:
-                while any(planned.values()):
-                    jobs = [Job(topic, index) for topic in topics for index in planned[topic]]
-                    self._look(jobs, seen, progress)
-                    planned = {topic: self._next_look(seen[topic], counts[topic], choice) for topic in topics}
+            jobs = {topic: [Job(topic, index) for index in first[topic]] for topic in topics}
+            interrupted = self._look(jobs, seen, progress, next_jobs, self._log)
+            if not interrupted:
                 progress.total = progress.n  # the rest of what was expected promised nothing new
-            except KeyboardInterrupt:
-                interrupted = True
-                self._workers.close()
         return {topic: DetectionRun(topic, counts[topic], _in_order(seen[topic]), interrupted) for topic in topics}
 
     def refine(self, guides: Sequence[Guide]) -> dict[str, DetectionRun]:
@@ -104,20 +103,17 @@ class Collector:
 
         A view in which the second pass finds nothing keeps what the first one found.
         """
-        jobs = [
-            Job(guide.run.topic, view.index, guide.camera, guide.camera_from_target[number])
+        jobs = {
+            guide.run.topic: [
+                Job(guide.run.topic, view.index, guide.camera, guide.camera_from_target[number])
+                for number, view in enumerate(guide.run.views)
+                if number in guide.camera_from_target
+            ]
             for guide in guides
-            for number, view in enumerate(guide.run.views)
-            if number in guide.camera_from_target
-        ]
+        }
         found: dict[str, dict[int, FrameResult]] = {guide.run.topic: {} for guide in guides}
-        interrupted = False
-        with self._progress("looking again", len(jobs)) as progress:
-            try:
-                self._look(jobs, found, progress)
-            except KeyboardInterrupt:
-                interrupted = True
-                self._workers.close()
+        with self._progress("looking again", sum(map(len, jobs.values()))) as progress:
+            interrupted = self._look(jobs, found, progress)
         refined = {}
         for guide in guides:
             again = {index: frame for index, frame in found[guide.run.topic].items() if frame.found}
@@ -127,28 +123,49 @@ class Collector:
             )
         return refined
 
-    def _look(self, jobs: Sequence[Job], seen: dict[str, dict[int, FrameResult]], progress: tqdm) -> None:
-        for result in self._results(jobs):
-            if result.error and self._strict:
-                raise InputError(f"{result.topic}, image {result.name}: {result.error}")
-            frames = seen[result.topic]
-            frames[result.index] = result
-            progress.update()
-            progress.set_postfix(found=sum(frame.found for run in seen.values() for frame in run.values()))
-        for topic, frames in seen.items():
-            _check_sizes(topic, frames)
+    def _look(
+        self,
+        jobs: Mapping[str, Sequence[Job]],
+        seen: dict[str, dict[int, FrameResult]],
+        progress: tqdm,
+        next_jobs: Callable[[str], Sequence[Job]] = lambda topic: (),
+        log: DetectionLog | None = None,
+    ) -> bool:
+        """Fill in ``seen``, topic by topic in rounds; while one is planned the others' go on. True if interrupted.
 
-    def _results(self, jobs: Sequence[Job]) -> Iterator[FrameResult]:
-        """What each image shows: from the log where an earlier run has seen it, else by looking."""
-        log = self._log
-        if log is None or any(job.camera is not None for job in jobs):
-            yield from self._workers.run(jobs)
-            return
-        unseen = [job for job in jobs if (job.topic, job.index) not in log.known]
-        yield from (log.known[job.topic, job.index] for job in jobs if (job.topic, job.index) in log.known)
-        for result in self._workers.run(unseen):
+        next_jobs: a topic's next round, once it has been seen whole; none where it is done.
+        """
+        left = {topic: len(round_of) for topic, round_of in jobs.items()}
+        try:
+            known = deque(result for round_of in jobs.values() for result in self._begin(round_of, log))
+            while (result := known.popleft() if known else self._workers.next_result()) is not None:
+                topic = result.topic
+                self._note(result, seen[topic], log)
+                progress.update()
+                progress.set_postfix(found=sum(frame.found for run in seen.values() for frame in run.values()))
+                left[topic] -= 1
+                if left[topic] == 0:
+                    _check_sizes(topic, seen[topic])
+                    following = next_jobs(topic)
+                    left[topic] = len(following)
+                    known.extend(self._begin(following, log))
+        except KeyboardInterrupt:
+            self._workers.close()
+            return True
+        return False
+
+    def _begin(self, jobs: Sequence[Job], log: DetectionLog | None) -> list[FrameResult]:
+        """Have images looked at; returns at once what the log knows from an earlier run."""
+        known = {} if log is None else log.known
+        self._workers.add(job for job in jobs if (job.topic, job.index) not in known)
+        return [known[job.topic, job.index] for job in jobs if (job.topic, job.index) in known]
+
+    def _note(self, result: FrameResult, seen: dict[int, FrameResult], log: DetectionLog | None) -> None:
+        if result.error and self._strict:
+            raise InputError(f"{result.topic}, image {result.name}: {result.error}")
+        seen[result.index] = result
+        if log is not None and (result.topic, result.index) not in log.known:
             log.add(result)
-            yield result
 
     def _next_look(self, seen: Mapping[int, FrameResult], count: int, choice: FrameChoice) -> list[int]:
         """The images to look at next: those that tell most about the camera, and some where the target moves."""

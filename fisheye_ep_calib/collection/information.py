@@ -151,7 +151,10 @@ def _greedy(camera: FisheyeCamera, known: _Views, candidates: _Views, room: int,
     total = total * weigh + 1e-9 * np.eye(len(total))
     information = candidates.information * weigh
     sought = _sought(camera) * scale
-    fresh = _moved(candidates.pixels, known.pixels, least_motion)
+    after = np.clip(np.searchsorted(known.images, candidates.images), 1, len(known.images) - 1)
+    fresh = np.ones(len(candidates.images), dtype=bool)
+    for neighbour in (after - 1, after):
+        fresh &= _moved(candidates.pixels, known.pixels[neighbour], least_motion)
     taken: list[int] = []
     while len(taken) < room and fresh.any():
         covariance = np.linalg.inv(total)
@@ -163,7 +166,7 @@ def _greedy(camera: FisheyeCamera, known: _Views, candidates: _Views, room: int,
             break
         taken.append(best)
         total = total + information[best]
-        fresh &= _moved(candidates.pixels, candidates.pixels[best : best + 1], least_motion)
+        fresh &= _moved(candidates.pixels, candidates.pixels[best], least_motion)
     return [int(candidates.images[one]) for one in taken]
 
 
@@ -177,10 +180,8 @@ def _sought(camera: FisheyeCamera) -> np.ndarray:
 
 
 def _moved(pixels: np.ndarray, others: np.ndarray, least: float) -> np.ndarray:
-    """Which views (F, n, 2) differ from all the others (S, n, 2) by at least this many pixels in the mean (F,)."""
-    moved = np.ones(len(pixels), dtype=bool)
-    for other in others:
-        both = np.isfinite(pixels).all(axis=-1) & np.isfinite(other).all(axis=-1)
-        distance = np.where(both, np.linalg.norm(np.nan_to_num(pixels - other), axis=-1), 0).sum(axis=-1)
-        moved &= (both.sum(axis=-1) == 0) | (distance >= least * both.sum(axis=-1))
-    return moved
+    """Which views (F, n, 2) differ from others (F, n, 2) or (n, 2) by at least so many pixels in the mean (F,)."""
+    distance = np.linalg.norm(pixels - others, axis=-1)
+    common = np.isfinite(distance)
+    count = common.sum(axis=-1)
+    return (count == 0) | (np.where(common, distance, 0).sum(axis=-1) >= least * count)

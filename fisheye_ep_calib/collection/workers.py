@@ -11,6 +11,7 @@ import os
 import signal
 import threading
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -50,43 +51,68 @@ class FrameWorkers:
         self._detector = detector
         self._workers = workers
         self._pool: ProcessPoolExecutor | None = None
+        self._waiting: deque[Job] = deque()
+        self._running: dict[Future, Job] = {}
+        self._ready: deque[FrameResult] = deque()
 
-    def run(self, jobs: Iterable[Job]) -> Iterator[FrameResult]:
-        """Look at the images; results come as they are ready, in no particular order."""
+    def add(self, jobs: Iterable[Job]) -> None:
+        """Have these images looked at; more may be added while others are waited for."""
+        self._waiting.extend(jobs)
+        if self._pool is not None:
+            self._fill()
+
+    def next_result(self) -> FrameResult | None:
+        """What one of the images shows, in no particular order; None once all have been looked at."""
         if self._workers == 0:
-            threads = cv2.getNumThreads()
-            cv2.setNumThreads(1)
-            try:
-                for job in jobs:
-                    yield look(self._recording, self._detector, job)
-            finally:
-                cv2.setNumThreads(threads)
-            return
-        waiting = list(jobs)[::-1]
-        running: dict[Future, Job] = {}
-        while waiting or running:
-            try:
-                while waiting and len(running) < QUEUED_A_WORKER * self._workers:
-                    running[self._submit(waiting[-1])] = waiting[-1]
-                    waiting.pop()
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    result = future.result()
-                    del running[future]
-                    yield result
-            except BrokenProcessPool:
-                suspects = list(running.values())
-                running.clear()
-                yield from self._one_by_one(suspects)
+            return self._look_here(self._waiting.popleft()) if self._waiting else None
+        while not self._ready and (self._waiting or self._running):
+            self._fill()
+            self._gather()
+        return self._ready.popleft() if self._ready else None
 
-    def _one_by_one(self, jobs: list[Job]) -> Iterator[FrameResult]:
-        """Find the image that a worker died on: every suspect has the workers to itself."""
-        for job in jobs:
-            self.close()
+    def close(self) -> None:
+        """Forget what waits, and end the workers once they have finished the image in hand."""
+        self._waiting.clear()
+        self._running.clear()
+        self._ready.clear()
+        self._end_pool()
+
+    def _look_here(self, job: Job) -> FrameResult:
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(1)
+        try:
+            return look(self._recording, self._detector, job)
+        finally:
+            cv2.setNumThreads(threads)
+
+    def _fill(self) -> None:
+        """Keep the workers busy, with something to go on with at once."""
+        with contextlib.suppress(BrokenProcessPool):  # _gather finds out what broke it
+            while self._waiting and len(self._running) < QUEUED_A_WORKER * self._workers:
+                self._running[self._submit(self._waiting[0])] = self._waiting[0]
+                self._waiting.popleft()
+
+    def _gather(self) -> None:
+        try:
+            for future in wait(self._running, return_when=FIRST_COMPLETED).done:
+                self._ready.append(future.result())
+                del self._running[future]
+        except BrokenProcessPool:
+            self._find_culprit()
+        else:
+            self._fill()
+
+    def _find_culprit(self) -> None:
+        """A worker died on an image: each that was in work gets the workers to itself."""
+        suspects = list(self._running.values())
+        self._running.clear()
+        for job in suspects:
+            self._end_pool()
             try:
-                yield self._submit(job).result()
+                self._ready.append(self._submit(job).result())
             except BrokenProcessPool:
-                yield _failed(self._recording, job, "a worker process died on it")
-        self.close()
+                self._ready.append(_failed(self._recording, job, "a worker process died on it"))
+        self._end_pool()
 
     def _submit(self, job: Job) -> Future:
         if self._pool is None:
@@ -99,8 +125,7 @@ class FrameWorkers:
         with _inherited_by_workers():  # which the pool starts when it is given work
             return self._pool.submit(_look, job)
 
-    def close(self) -> None:
-        """End the workers once they have finished the image in hand."""
+    def _end_pool(self) -> None:
         pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown(wait=True, cancel_futures=True)
