@@ -145,16 +145,14 @@ def choose(start: Fit, base: Structure, search: Search, models: tuple[str, ...] 
 
 
 def _with_further_terms(chosen: Candidate, reasons: list[str]) -> Candidate:
-    """The chosen pupil with as many more terms as the data support."""
+    """The chosen pupil with as many terms as the data support; one more may tell little where two more tell much."""
     most = PUPIL_FAMILIES[chosen.structure.model].max_terms
-    while chosen.structure.pupil_terms < most:
-        terms = chosen.structure.pupil_terms + 1
+    for terms in range(chosen.structure.pupil_terms + 1, most + 1):
         richer = candidate(chosen.fit, replace(chosen.structure, terms=terms))
         kept = supported(richer, chosen)
         reasons.append(_reason(f"{terms} terms of {chosen.structure.model}", richer, chosen, kept))
-        if not kept:
-            break
-        chosen = richer
+        if kept:
+            chosen = richer
     return chosen
 
 

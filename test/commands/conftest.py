@@ -1,0 +1,60 @@
+"""The commands as a user calls them, in this process where nothing of a process is tested."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import Ended
+from known_scenes import seen_board
+
+from fisheye_ep_calib.cli import main
+from fisheye_ep_calib.storage.observation_file import save_observations
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, capsys) -> Callable[..., Ended]:
+    """Runs in an empty folder. An exception that is not turned into a line fails the test."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words) -> Ended:
+        capsys.readouterr()
+        try:
+            code = main([str(word) for word in words])
+        except SystemExit as end:  # argparse
+            code = end.code
+        said = capsys.readouterr()
+        return Ended(code, said.out, said.err)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def observation_file(tmp_path_factory) -> Path:
+    """Ten views of a board by the known camera, two of them marked test; 0.1 px of noise."""
+    path = tmp_path_factory.mktemp("observations") / "front.npz"
+    observations = seen_board(views=12)
+    split = np.array(["train"] * 10 + ["test"] * 2)
+    save_observations(path, replace(observations, split=split[: len(observations.image_names)]))
+    return path
+
+
+@pytest.fixture(scope="session")
+def camera_file(observation_file, tmp_path_factory) -> Path:
+    """The camera file that ``calibrate`` writes for those observations."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    words = [
+        "calibrate",
+        str(observation_file),
+        "--model",
+        "ep_even",
+        "--output",
+        str(folder),
+        "--no-report",
+        "--json",
+    ]
+    assert main(words) == 0
+    return folder / "front.yaml"
