@@ -145,7 +145,8 @@ def _look(recording: Recording, target: Target, topics: list[str], moments: np.n
                 looked.update(chosen)
                 pairs = [(c, int(moments[row, c])) for row in chosen for c in np.flatnonzero(moments[row] >= 0)]
                 jobs = [Job(topics[camera], image) for camera, image in pairs]
-                for result in frames.run(jobs):
+                frames.add(jobs)
+                while (result := frames.next_result()) is not None:
                     if result.error and arguments.strict:
                         raise InputError(f"{result.topic}, image {result.name}: {result.error}")
                     found[topics.index(result.topic)][result.index] = result
