@@ -123,6 +123,7 @@ def test_the_axis_ahead_is_valid_and_behind_is_not(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", TERMS)
+@pytest.mark.filterwarnings("ignore:invalid value")
 def test_what_is_not_a_number_is_not_valid(model: str) -> None:
     camera = random_camera(np.random.default_rng(6), model)
     points = np.array([[np.nan, 0, 1], [0, 0, np.nan], [0.1, 0.2, 1.0]])
