@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.announcer import Announcer
+from fisheye_ep_calib.live.answer import Answer, Promise, together
 from fisheye_ep_calib.live.frame import RawFrame, Sighting, detect_in_frame
 from fisheye_ep_calib.live.outcome import Outcome, calibrate_views
 from fisheye_ep_calib.live.overlay import OverlayRequest
+from fisheye_ep_calib.live.rig_calibrator import RigCalibrator
+from fisheye_ep_calib.live.rig_outcome import RigOutcome
+from fisheye_ep_calib.live.rig_session import RigSession
+from fisheye_ep_calib.live.rig_views import stamp_of
 from fisheye_ep_calib.live.session import CameraSession, Verdict
 from fisheye_ep_calib.live.settings import Settings, Tuning
-from fisheye_ep_calib.live.status import CameraStatus, Reception, camera_status, next_step
+from fisheye_ep_calib.live.status import Reception, Status, camera_status, next_step
 from fisheye_ep_calib.live.work_pool import Task, WorkPool
 
 
@@ -25,19 +29,14 @@ class Listener(Protocol):
     def calibrated(self, camera: str, outcome: Outcome | None) -> None:
         """A calibration comes into force; None: there is none any more."""
 
+    def rig_calibrated(self, outcome: RigOutcome | None) -> None:
+        """A calibration of the rig comes into force; None: there is none any more."""
+
     def wants_picture(self, camera: str) -> bool:
         """Whether anybody looks at the camera's overlay."""
 
     def picture(self, camera: str, header: Any, picture: np.ndarray) -> None:
         """The overlay (h, w, 3) uint8, blue green red, of the image that had this header."""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a service call tells: whether all of it was done, and a line with the numbers."""
-
-    success: bool
-    text: str
 
 
 class LiveCalibrator:
@@ -59,6 +58,7 @@ class LiveCalibrator:
         self._lock = threading.Lock()
         self._automatic: dict[str, int] = {}  # views that each camera's last automatic calibration had
         self._busy: set[str] = set()  # cameras whose automatic calibration is under way
+        self._adopting = threading.RLock()  # held while a calibration comes into force and is told of
         self._stopping = threading.Event()
         # A camera without a target is published and nothing else.
         self.sessions = {
@@ -72,9 +72,13 @@ class LiveCalibrator:
             resumed = session.start(settings.resume)
             if resumed:
                 announcer.info(f"{name}: going on with {resumed} views from {session.observation_file}")
-        self._pool = WorkPool(settings.workers, on_error=self._task_failed)
+        together_ns = None if settings.rig is None else round(settings.rig.tolerance * 1e9)
+        self._pool = WorkPool(settings.workers, self._task_failed, together_ns)
+        self._rig = self._make_rig(settings)
         for name in self.sessions:
             self._calibrate_if_due(name)
+        if self._rig is not None:
+            self._rig.calibrate_if_due()
 
     def tune(self, tuning: Tuning) -> None:
         """Change what may change while running."""
@@ -87,20 +91,22 @@ class LiveCalibrator:
         session = self.sessions.get(name)
         if session is None:
             return
-        if session.full and not self._listener.wants_picture(name):
+        wanted = not session.full or (self._rig is not None and self._rig.session.views.wants(name))
+        if not wanted and not self._listener.wants_picture(name):
             session.count(received=1)
             return
-        header = message.header
+        header, generation = message.header, session.generation
 
         def arguments() -> tuple:
             return RawFrame.from_message(message, frame_name), session.target, self._overlay(session)
 
         def done(sighting: Sighting | None, error: CalibrationError | None) -> None:
-            self._searched(session, sighting, error)
+            if generation == session.generation:  # what was seen before a reset is forgotten too
+                self._searched(session, sighting, error)
             if sighting is not None and sighting.picture is not None:
                 self._listener.picture(name, header, sighting.picture)
 
-        dropped = self._pool.offer_frame(name, Task(detect_in_frame, arguments, done))
+        dropped = self._pool.offer_frame(name, Task(detect_in_frame, arguments, done, stamp_of(frame_name)))
         session.count(received=1, dropped=int(dropped))
 
     def outcome(self, name: str) -> Outcome | None:
@@ -108,27 +114,38 @@ class LiveCalibrator:
         return self.sessions[name].outcome if name in self.sessions else self._published[name]
 
     def calibrate(self) -> Answer:
-        """Calibrate every camera from all its views and wait for the results."""
+        """Calibrate every camera from all its views, then the rig, and wait for the results."""
         waiting = [self._queue_calibration(name, asked=True) for name in self.sessions]
-        return together([promise.wait(self._stopping) for promise in waiting])
+        answers = [promise.wait(self._stopping) for promise in waiting]
+        if self._rig is not None:
+            answers.append(self._rig.calibrate(self._stopping))
+        return together(answers)
 
     def save(self) -> Answer:
         """Write every camera's views and calibration again; waits for the disk."""
-        return together([self._save(session, again=True) for session in self.sessions.values()])
+        answers = [self._save(session, again=True) for session in self.sessions.values()]
+        if self._rig is not None:
+            answers.append(self._rig.save(self._stopping))
+        return together(answers)
 
     def reset(self) -> Answer:
         """Forget all views and calibrations; their observation files are set aside."""
         answers = []
         for name, session in self.sessions.items():
             try:
-                forgotten = session.reset()
+                with self._adopting:
+                    forgotten = session.reset()
+                    self._listener.calibrated(name, session.outcome)
             except CalibrationError as error:
                 answers.append(Answer(False, f"{name}: {error}"))
                 continue
-            self._automatic.pop(name, None)
-            self._listener.calibrated(name, session.outcome)
-            self._announcer.over(f"{name} size")
+            with self._lock:
+                self._automatic.pop(name, None)
+            for key in ("size", "calibration"):
+                self._announcer.over(f"{name} {key}")
             answers.append(Answer(True, f"{name}: {forgotten} views set aside"))
+        if self._rig is not None:
+            self._rig.reset()
         return together(answers)
 
     def retry_writing(self) -> None:
@@ -136,6 +153,8 @@ class LiveCalibrator:
         for session in self.sessions.values():
             if session.unwritten:
                 self._write(session)
+        if self._rig is not None:
+            self._rig.retry_writing()
 
     def stop(self) -> None:
         """End the workers, whatever they are doing, and write what is not written yet."""
@@ -143,7 +162,11 @@ class LiveCalibrator:
         self._pool.stop()
         self.retry_writing()
 
-    def status(self, reception: dict[str, Reception]) -> list[CameraStatus]:
+    def rig_status(self) -> Status | None:
+        """Where the rig stands; None where the cameras are none."""
+        return None if self._rig is None else self._rig.status()
+
+    def status(self, reception: dict[str, Reception]) -> list[Status]:
         """Where each camera stands, given how its images arrive."""
         standing = self._announcer.standing()
         return [
@@ -155,6 +178,15 @@ class LiveCalibrator:
             )
             for name, session in self.sessions.items()
         ]
+
+    def _make_rig(self, settings: Settings) -> RigCalibrator | None:
+        if settings.rig is None:
+            return None
+        topics = {camera.name: camera.topic for camera in settings.cameras}
+        session = RigSession(tuple(self.sessions.values()), topics, settings.rig, settings.output_directory)
+        return RigCalibrator(
+            session, self._pool, self._announcer, lambda: self._tuning.auto_calibrate, self._listener.rig_calibrated
+        )
 
     def _overlay(self, session: CameraSession) -> OverlayRequest | None:
         if not self._listener.wants_picture(session.name):
@@ -187,6 +219,24 @@ class LiveCalibrator:
             points = len(sighting.detection)
             self._announcer.info(f"{name}: view {len(session.views)} kept, {points} points")
             self._calibrate_if_due(name)
+        if self._rig is not None:
+            self._keep_for_rig(self._rig, name, sighting, verdict)
+
+    def _keep_for_rig(self, rig: RigCalibrator, name: str, sighting: Sighting, verdict: Verdict) -> None:
+        if verdict not in (Verdict.KEPT, Verdict.NOT_NEW, Verdict.FULL):
+            return
+        for partner in rig.session.views.partners(name, sighting, kept=verdict is Verdict.KEPT):
+            session = self.sessions[partner.camera]
+            try:
+                fits = session.keep(partner.view, partner.image_size)
+            except CalibrationError as failure:
+                self._not_written(session, failure)
+                fits = True
+            if fits:
+                points = len(partner.view.pixels)
+                self._announcer.info(f"{session.name}: view {len(session.views)} kept for the rig, {points} points")
+                self._calibrate_if_due(session.name)
+        rig.calibrate_if_due()
 
     def _tell_other_size(self, session: CameraSession, sighting: Sighting) -> None:
         now, before = sighting.image_size, session.image_size
@@ -208,12 +258,14 @@ class LiveCalibrator:
             self._busy.add(name)
         self._queue_calibration(name, asked=False)
 
-    def _queue_calibration(self, name: str, asked: bool) -> _Promise:
+    def _queue_calibration(self, name: str, asked: bool) -> Promise:
         session, model = self.sessions[name], self._models[name]
-        promise = _Promise()
+        promise = Promise()
         generation = session.generation
 
         def arguments() -> tuple:
+            if generation != session.generation:
+                raise CalibrationError("its views were reset meanwhile")
             return session.observations(), model, name, str(session.observation_file)
 
         def done(outcome: Outcome | None, error: CalibrationError | None) -> None:
@@ -225,6 +277,8 @@ class LiveCalibrator:
                     with self._lock:
                         self._busy.discard(name)
             self._calibrate_if_due(name)
+            if self._rig is not None:
+                self._rig.calibrate_if_due()
 
         self._pool.queue_job(Task(calibrate_views, arguments, done))
         return promise
@@ -238,6 +292,8 @@ class LiveCalibrator:
         asked: bool,
     ) -> Answer:
         name, before = session.name, session.outcome
+        if generation != session.generation:
+            return Answer(False, f"{name}: its views were reset meanwhile")
         if outcome is None:
             if not asked:
                 self._announcer.warn_once(f"{name} calibration", f"{name}: not calibrated: {error}")
@@ -245,9 +301,10 @@ class LiveCalibrator:
         self._announcer.over(f"{name} calibration")
         if before is not None and not asked and outcome.worse_than(before):
             return Answer(True, f"{name}: the calibration from fewer views knows more; it stays")
-        if not session.adopt(outcome, generation):
-            return Answer(False, f"{name}: its views were reset meanwhile")
-        self._listener.calibrated(name, outcome)
+        with self._adopting:
+            if not session.adopt(outcome, generation):
+                return Answer(False, f"{name}: its views were reset meanwhile")
+            self._listener.calibrated(name, outcome)
         answer = self._save(session)
         self._announcer.info(answer.text)
         return answer
@@ -283,23 +340,3 @@ def _headline(session: CameraSession) -> str:
     return text + ", {model}, RMS {rms_px:.3f} px, E to {band:.2g} mm".format(
         **outcome.figures, band=outcome.pupil_band_mm
     )
-
-
-class _Promise:
-    """The answer of a calibration that has been queued."""
-
-    def __init__(self) -> None:
-        self.ready = threading.Event()
-        self.answer = Answer(False, "the calibrator stopped before the calibration ended")
-
-    def wait(self, stopping: threading.Event) -> Answer:
-        while not self.ready.wait(0.1) and not stopping.is_set():
-            pass
-        return self.answer
-
-
-def together(answers: list[Answer]) -> Answer:
-    """One answer of several cameras'."""
-    if not answers:
-        return Answer(False, "no camera has a target: they are only published")
-    return Answer(all(answer.success for answer in answers), "; ".join(answer.text for answer in answers))

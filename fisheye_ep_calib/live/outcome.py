@@ -22,18 +22,23 @@ DISTANCES = (0.15, 10.0)  # metres at which the projection's uncertainty is take
 
 @dataclass(frozen=True)
 class Outcome:
-    """yaml: the camera's file. figures: JSON-ready; those of a calibration have more than those of a file.
+    """stand_in: the camera of CameraInfo. yaml: the camera's file.
+
+    figures: JSON-ready; those of a calibration have more than those of a file.
 
     advice: what is still lacking; None where nothing is known about it.
     uncertainty_px: RMS over the field of the projection's standard deviation, px per axis; NaN where unknown.
+    covariance (P, P): of the camera's parameters; None where unknown.
     """
 
     camera: FisheyeCamera
+    stand_in: FisheyeCamera
     yaml: str
     info: PlainCameraInfo
     figures: dict[str, Any]
     advice: Advice | None = None
     uncertainty_px: float = np.nan
+    covariance: np.ndarray | None = None
 
     @property
     def pupil_band_mm(self) -> float:
@@ -56,11 +61,13 @@ def calibrate_views(observations: Observations, model: str, name: str, source: s
     spread = uncertainty_px(result)
     return Outcome(
         camera=result.camera,
+        stand_in=result.stand_in.camera,
         yaml=camera_yaml(result, name, source),
         info=plain_camera_info(result.stand_in.camera),
         figures=_figures(result, spread),
         advice=advise(result, observations),
         uncertainty_px=spread,
+        covariance=result.uncertainty.covariance,
     )
 
 
@@ -68,7 +75,14 @@ def outcome_of_file(path: Path) -> Outcome:
     """An existing camera file, to publish as it is. Raises InputError."""
     file = read_camera_file(path)
     figures = {"model": file.camera.model, "camera_file": str(path)}
-    return Outcome(file.camera, path.read_text(encoding="utf-8"), plain_camera_info(file.stand_in), figures)
+    return Outcome(
+        camera=file.camera,
+        stand_in=file.stand_in,
+        yaml=path.read_text(encoding="utf-8"),
+        info=plain_camera_info(file.stand_in),
+        figures=figures,
+        covariance=file.covariance if np.any(file.covariance) else None,
+    )
 
 
 def uncertainty_px(result: CalibrationResult) -> float:

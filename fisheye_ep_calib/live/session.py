@@ -8,11 +8,11 @@ from enum import Enum
 from pathlib import Path
 
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.view_selection import Novelty, is_new, view_signature
+from fisheye_ep_calib.calibration.view_selection import Novelty, is_new
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.live.outcome import Outcome
-from fisheye_ep_calib.live.view_store import View, ViewStore
+from fisheye_ep_calib.live.view_store import View, ViewStore, view_of
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.target import Target
 
@@ -68,7 +68,7 @@ class CameraSession:
         self._counters = Counters()
         self._initial = self._outcome = initial
         self._outcome_unwritten = False
-        self._generation = 0
+        self._generation = self._calibrations = 0
 
     @property
     def counters(self) -> Counters:
@@ -121,13 +121,11 @@ class CameraSession:
         Raises CalibrationError where it could not be written; it is kept in memory then.
         """
         self.count(searched=1)
-        detection = sighting.detection
-        if len(detection) == 0:
+        if len(sighting.detection) == 0:
             return Verdict.NOT_FOUND
         self.count(found=1)
-        points = self.target.object_points[detection.point_index]
-        signature = view_signature(points, detection.pixels, sighting.image_size)
-        if signature is None:
+        view = view_of(sighting, self.target)
+        if view is None:
             return Verdict.TOO_FEW_POINTS
         with self._lock:
             store = self._store
@@ -135,17 +133,38 @@ class CameraSession:
                 return Verdict.OTHER_SIZE
             if self.full:
                 return Verdict.FULL
-            if not is_new(signature, [view.signature for view in store.views], self.limits.novelty):
+            if not is_new(view.signature, [kept.signature for kept in store.views], self.limits.novelty):
                 return Verdict.NOT_NEW
-            store.add(
-                View(sighting.name, detection.point_index, detection.pixels, signature), sighting.image_size
-            )
+            store.add(view, sighting.image_size)
         return Verdict.KEPT
+
+    def keep(self, view: View, image_size: tuple[int, int]) -> bool:
+        """Keep a view that another camera's view of the same time needs, however many there are; whether it fits.
+
+        Raises CalibrationError where it could not be written; it is kept in memory then.
+        """
+        with self._lock:
+            if self._store.views and self._store.image_size != image_size:
+                return False
+            self._store.add(view, image_size)
+        return True
 
     @property
     def generation(self) -> int:
-        """Counts resets: a result of views that are gone is not adopted."""
+        """Counts resets: what comes of views or frames from before one is dropped."""
         return self._generation
+
+    @property
+    def calibrations(self) -> int:
+        """How many calibrations have come into force."""
+        return self._calibrations
+
+    @property
+    def calibration_file(self) -> Path:
+        """The file of the calibration in force."""
+        if self.calibrated or self._outcome is None:
+            return self.camera_file
+        return Path(self._outcome.figures["camera_file"])
 
     def observations(self) -> Observations:
         """What there is to calibrate from. Raises CalibrationError while there is nothing."""
@@ -166,6 +185,7 @@ class CameraSession:
             if generation != self._generation:
                 return False
             self._outcome, self._outcome_unwritten = outcome, True
+            self._calibrations += 1
             return True
 
     def write(self, again: bool = False) -> None:

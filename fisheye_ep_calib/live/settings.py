@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.session import Limits
+from fisheye_ep_calib.rig import USUAL_TOLERANCE
 from fisheye_ep_calib.target import Target
 
 
@@ -35,13 +36,22 @@ class CameraSettings:
 
 
 @dataclass(frozen=True)
+class RigSettings:
+    """tolerance: seconds within which images are of the same time. views: common views wanted of two cameras."""
+
+    tolerance: float = USUAL_TOLERANCE
+    views: int = 40
+
+
+@dataclass(frozen=True)
 class Settings:
-    """The whole calibrator. workers: processes that detect and calibrate."""
+    """The whole calibrator. workers: processes that detect and calibrate. rig: None: cameras stay by themselves."""
 
     cameras: tuple[CameraSettings, ...]
     output_directory: Path
     resume: bool
     workers: int
+    rig: RigSettings | None = None
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,11 @@ class Reception:
 
 
 @dataclass(frozen=True)
-class CameraStatus:
-    """One camera. message: one sentence. next: what the user should do. values: figures by name, JSON-ready."""
+class Status:
+    """Of one camera, or of the rig.
+
+    message: one sentence. next: what the user should do. values: figures by name, JSON-ready.
+    """
 
     name: str
     level: Level
@@ -54,7 +57,7 @@ class CameraStatus:
 
 def camera_status(
     session: CameraSession, reception: Reception, warnings: list[str], tuning: Tuning
-) -> CameraStatus:
+) -> Status:
     """Status of one camera. warnings: texts that stand."""
     counters, views, outcome = session.counters, len(session.views), session.outcome
     values: dict[str, Any] = {
@@ -84,7 +87,7 @@ def camera_status(
     else:
         level, message = Level.OK, f"calibrated ({outcome.figures['model']}), {views} views"
     step = "start the camera" if reception.silent else next_step(session, tuning)
-    return CameraStatus(session.name, level, message, step, values)
+    return Status(session.name, level, message, step, values)
 
 
 def next_step(session: CameraSession, tuning: Tuning) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.view_selection import ViewSignature, view_signature
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.storage.observation_file import load_observations, save_observations
 from fisheye_ep_calib.target import Target
 
@@ -23,6 +25,27 @@ class View:
     point_index: np.ndarray
     pixels: np.ndarray
     signature: ViewSignature
+
+
+def view_of(sighting: Sighting, target: Target) -> View | None:
+    """A view from what was found in a frame; None where that is too little."""
+    found = sighting.detection
+    signature = view_signature(target.object_points[found.point_index], found.pixels, sighting.image_size)
+    return None if signature is None else View(sighting.name, found.point_index, found.pixels, signature)
+
+
+def observations_of(views: Sequence[View], target: Target, image_size: tuple[int, int]) -> Observations:
+    """Views, one at least, as observations."""
+    counts = [len(view.point_index) for view in views]
+    return Observations.create(
+        target.object_points,
+        np.repeat(np.arange(len(views)), counts),
+        np.concatenate([view.point_index for view in views]),
+        np.concatenate([view.pixels for view in views]),
+        image_size,
+        image_names=[view.name for view in views],
+        disc_radius=target.disc_radius,
+    )
 
 
 class ViewStore:
@@ -92,16 +115,7 @@ class ViewStore:
         """All views as observations; None while there are none."""
         if not self.views or self.image_size is None:
             return None
-        counts = [len(view.point_index) for view in self.views]
-        return Observations.create(
-            self.target.object_points,
-            np.repeat(np.arange(len(self.views)), counts),
-            np.concatenate([view.point_index for view in self.views]),
-            np.concatenate([view.pixels for view in self.views]),
-            self.image_size,
-            image_names=[view.name for view in self.views],
-            disc_radius=self.target.disc_radius,
-        )
+        return observations_of(self.views, self.target, self.image_size)
 
     def _views(self, observations: Observations):
         for number, name in enumerate(observations.image_names):

@@ -19,24 +19,32 @@ class Task:
 
     function: importable by name. arguments: made when the work starts, so that they are the latest.
     done: called with (result, None) or (None, error), on a thread of the pool.
+    stamp_ns: when a frame was taken, where that is known.
     """
 
     function: Callable[..., Any]
     arguments: Callable[[], tuple]
     done: Callable[[Any, CalibrationError | None], None]
+    stamp_ns: int | None = None
 
 
 class WorkPool:
     """Worker processes behind two queues.
 
-    Frames: at most one waits for each camera, the newest; cameras take turns, so that a flood starves none.
+    Frames: at most one waits for each camera, the newest; cameras take turns, so that a flood starves none. For a rig
+    a frame that goes with one already taken waits for its turn instead, so that both are looked at.
     Jobs (calibrations): first come, first served; with more than one worker, one is always left for frames.
     """
 
-    def __init__(self, workers: int, on_error: Callable[[str], None]) -> None:
-        """on_error: told in one line when a ``done`` failed; nothing that happens in a task ends the pool."""
+    def __init__(self, workers: int, on_error: Callable[[str], None], together_ns: int | None = None) -> None:
+        """on_error: told in one line when a ``done`` failed; nothing that happens in a task ends the pool.
+
+        together_ns: frames of several cameras whose stamps differ by this much at most go together; None: none do.
+        """
         self._on_error = on_error
+        self._together_ns = together_ns
         self._frames: OrderedDict[str, Task] = OrderedDict()
+        self._taken: dict[str, int] = {}  # stamp of each camera's last frame that was taken
         self._jobs: deque[Task] = deque()
         self._jobs_running = 0
         self._job_limit = max(1, workers - 1)
@@ -51,12 +59,14 @@ class WorkPool:
             thread.start()
 
     def offer_frame(self, camera: str, task: Task) -> bool:
-        """Queue the camera's newest frame; True where it replaced one that nobody had looked at."""
+        """Queue the camera's newest frame; True where one is dropped that nobody has looked at."""
         with self._changed:
-            replaced = camera in self._frames
+            waiting = self._frames.get(camera)
+            if waiting is not None and self._goes_with_one_taken(camera, waiting):
+                return True
             self._frames[camera] = task  # a replaced frame keeps its place in the turn
             self._changed.notify()
-        return replaced
+        return waiting is not None
 
     def queue_job(self, task: Task) -> None:
         with self._changed:
@@ -99,9 +109,18 @@ class WorkPool:
                     self._jobs_running += 1
                     return self._jobs.popleft(), True
                 if self._frames:
-                    return self._frames.popitem(last=False)[1], False
+                    camera, frame = self._frames.popitem(last=False)
+                    if frame.stamp_ns is not None:
+                        self._taken[camera] = frame.stamp_ns
+                    return frame, False
                 self._changed.wait()
         return None
+
+    def _goes_with_one_taken(self, camera: str, frame: Task) -> bool:
+        within, stamp = self._together_ns, frame.stamp_ns
+        if within is None or stamp is None:
+            return False
+        return any(other != camera and abs(taken - stamp) <= within for other, taken in self._taken.items())
 
     def _job_ended(self) -> None:
         with self._changed:

@@ -27,6 +27,7 @@ class CalibrationPublisher:
         self._yaml = node.create_publisher(String, f"~/{camera.name}/calibration", LATCHED)
         self._annotated = node.create_publisher(Image, f"~/{camera.name}/annotated", 2)
         self._info_publisher: Publisher | None = None
+        self._told = False
         self._info: CameraInfo | None = None
         self._header: Header | None = None
         self._lock = threading.Lock()
@@ -41,7 +42,10 @@ class CalibrationPublisher:
         with self._lock:
             self._info = None if outcome is None else camera_info_message(outcome.info)
         if outcome is None:
+            if self._told:  # latched: whoever comes later must not take the old one for valid
+                self._yaml.publish(String())
             return
+        self._told = True
         self._yaml.publish(String(data=outcome.yaml))
         if self._header is not None:
             self._send(self._header)
@@ -55,6 +59,16 @@ class CalibrationPublisher:
         size = getattr(image, "width", info.width), getattr(image, "height", info.height)
         if size == (info.width, info.height):  # a compressed image does not tell; it is taken on trust
             self._send(image.header)
+
+    def check(self) -> None:
+        """Make way for a driver whose CameraInfo has come later; call it now and then."""
+        with self._lock:
+            publisher = self._info_publisher
+            wanted = self._node.resolve_topic_name(self._camera.camera_info_topic)
+            if publisher is None or publisher.topic_name != wanted or self._node.count_publishers(wanted) < 2:
+                return
+            self._info_publisher = None  # the next image finds another topic
+            self._node.destroy_publisher(publisher)
 
     def publish_picture(self, header: Header, picture: np.ndarray) -> None:
         """The overlay (h, w, 3) uint8, blue green red."""

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_msgs.msg import String
 
 from fisheye_ep_calib.live.announcer import Announcer
-from fisheye_ep_calib.live.calibrator import Answer, LiveCalibrator, together
+from fisheye_ep_calib.live.answer import Answer, together
+from fisheye_ep_calib.live.calibrator import LiveCalibrator
 from fisheye_ep_calib.live.outcome import Outcome
+from fisheye_ep_calib.live.rig_outcome import RigOutcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.calibration_publisher import CalibrationPublisher
 from fisheye_ep_calib.ros.calibrator_parameters import declare, tuning
-from fisheye_ep_calib.ros.driver_commit import DriverCommit
+from fisheye_ep_calib.ros.driver_commit import PATIENCE, DriverCommit
 from fisheye_ep_calib.ros.image_intake import ImageIntake
 from fisheye_ep_calib.ros.parameter_table import ParameterTable
 from fisheye_ep_calib.ros.patient_node import PatientNode
+from fisheye_ep_calib.ros.quality import LATCHED
 from fisheye_ep_calib.ros.status_publisher import StatusPublisher
 
 CHECK_PERIOD = 0.5  # seconds between looks at who publishes what
@@ -60,6 +65,7 @@ class CalibratorNode:
             self._publishers[camera.name].update(camera.initial)
         self._drivers = {camera.name: DriverCommit(self._patient.node, self.node, camera) for camera in cameras}
         self._status = StatusPublisher(self.node)
+        self._rig = self.node.create_publisher(String, "~/rig", LATCHED) if settings.rig else None
         announcer = Announcer(logger.info, logger.warning)
         self._live = live = LiveCalibrator(settings, tuning(self._parameters), announcer, self)
         self._intakes = {camera.name: self._intake(live, camera) for camera in cameras}
@@ -76,6 +82,10 @@ class CalibratorNode:
 
     def calibrated(self, camera: str, outcome: Outcome | None) -> None:
         self._publishers[camera].update(outcome)
+
+    def rig_calibrated(self, outcome: RigOutcome | None) -> None:
+        if self._rig is not None:
+            self._rig.publish(String(data="" if outcome is None else outcome.yaml))
 
     def wants_picture(self, camera: str) -> bool:
         return self._publishers[camera].watched
@@ -94,7 +104,8 @@ class CalibratorNode:
         return ImageIntake(self.node, camera.image_topic, camera.compressed, receive)
 
     def _commit(self, live: LiveCalibrator) -> Answer:
-        return together([driver.commit(live.outcome(name)) for name, driver in self._drivers.items()])
+        give_up = time.monotonic() + PATIENCE
+        return together([driver.commit(live.outcome(name), give_up) for name, driver in self._drivers.items()])
 
     def _retune(self, live: LiveCalibrator, changed: list[Parameter]) -> None:
         if any(self._parameters.is_live(parameter.name) for parameter in changed):
@@ -103,8 +114,10 @@ class CalibratorNode:
     def _check_intakes(self) -> None:
         for intake in self._intakes.values():
             intake.check()
+        for publisher in self._publishers.values():
+            publisher.check()
 
     def _publish_status(self, live: LiveCalibrator) -> None:
         self._status.publish(
-            live.status({name: intake.reception() for name, intake in self._intakes.items()})
+            live.status({name: intake.reception() for name, intake in self._intakes.items()}), live.rig_status()
         )

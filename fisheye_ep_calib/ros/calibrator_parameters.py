@@ -5,25 +5,32 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
+from fisheye_ep_calib.calibration.calibrate import AUTO
 from fisheye_ep_calib.calibration.view_selection import Novelty
+from fisheye_ep_calib.camera import PUPIL_FAMILIES
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.live.outcome import Outcome, outcome_of_file
 from fisheye_ep_calib.live.session import Limits
-from fisheye_ep_calib.live.settings import CameraSettings, Settings, Tuning
+from fisheye_ep_calib.live.settings import CameraSettings, RigSettings, Settings, Tuning
 from fisheye_ep_calib.ros.parameter_table import Entry, ParameterTable
 from fisheye_ep_calib.target import Target, load_target
 
-MODELS = ("auto", "kannala", "gennery", "ep_odd", "ep_even")
+MODELS = (AUTO, *PUPIL_FAMILIES)
 CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+RESERVED_FILES = ("rig", "camchain")  # a camera called so would share its file with the rig
 
 NODE = (
     Entry("cameras", ["camera"], "Names of the cameras; each has parameters of its own under its name."),
     Entry("target", "", "Target file (YAML) that every camera sees unless it names its own."),
-    Entry("model", "auto", "Camera model to fit unless a camera names its own.", choices=MODELS),
+    Entry("model", AUTO, "Camera model to fit unless a camera names its own.", choices=MODELS),
     Entry("output_directory", "calibration", "Folder for <camera>.yaml and <camera>.npz."),
     Entry("resume", True, "Go on with the views of an earlier run; false sets them aside."),
+    Entry("rig", False, "Find where the cameras are to each other; the first one is the reference."),
+    Entry("rig_tolerance", 0.01, "Seconds within which images of two cameras are of the same time.", 0.0, 10.0),
+    Entry("rig_views", 40, "Common views of two cameras that are kept even if one camera needs no more.", 3, 10000),
     Entry("workers", 2, "Processes that detect and calibrate, for all cameras together.", 1, 64),
     Entry("auto_calibrate", True, "Calibrate without being asked, once there are views enough.", live=True),
     Entry("minimum_views", 10, "Views from which on auto_calibrate calibrates.", 3, 10000, live=True),
@@ -50,11 +57,13 @@ def declare(table: ParameterTable) -> Settings:
     names = _camera_names(table["cameras"])
     for name in names:
         table.declare(CAMERA, prefix=name)
+    cameras = tuple(_camera(table, name) for name in names)
     return Settings(
-        cameras=tuple(_camera(table, name) for name in names),
+        cameras=cameras,
         output_directory=Path(table["output_directory"]).expanduser(),
         resume=table["resume"],
         workers=table["workers"],
+        rig=_rig(table, cameras) if table["rig"] else None,
     )
 
 
@@ -63,6 +72,19 @@ def tuning(table: ParameterTable) -> Tuning:
     novelty = Novelty(table["novelty.position"], table["novelty.size"], table["novelty.tilt"])
     limits = Limits(novelty, table["maximum_views"])
     return Tuning(table["auto_calibrate"], table["minimum_views"], table["goal_mm"], limits)
+
+
+def _rig(table: ParameterTable, cameras: tuple[CameraSettings, ...]) -> RigSettings:
+    seeing = [(camera.name, camera.target) for camera in cameras if camera.target is not None]
+    if len(seeing) < 2:
+        raise InputError("parameter rig: a rig has two cameras at least that see the target; name them in cameras")
+    (first, target), *others = seeing
+    for name, other in others:
+        if other.disc_radius != target.disc_radius or not np.array_equal(other.object_points, target.object_points):
+            raise InputError(f"parameter rig: {first} and {name} must see the same target; give it once, as target")
+    for name in (name for name, _ in seeing if name.lower() in RESERVED_FILES):
+        raise InputError(f"parameter cameras: {name!r} is the name of a file of the rig; call the camera otherwise")
+    return RigSettings(table["rig_tolerance"], table["rig_views"])
 
 
 def _camera_names(names: list[str]) -> list[str]:

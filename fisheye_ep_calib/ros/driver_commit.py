@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import threading
+import time
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from sensor_msgs.srv import SetCameraInfo
 
-from fisheye_ep_calib.live.calibrator import Answer
+from fisheye_ep_calib.live.answer import Answer
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.camera_info_message import camera_info_message
 
-PATIENCE = 5.0  # seconds for a driver to be there, and again for its answer
+PATIENCE = 5.0  # seconds for the drivers to be there, and for each one's answer
+_LOOK = 0.1  # seconds for a driver, at least, once the patience for all of them is used up
 
 
 class DriverCommit:
@@ -26,13 +28,17 @@ class DriverCommit:
         group = MutuallyExclusiveCallbackGroup()  # answers must arrive while a service callback waits for them
         self._client = patient.create_client(SetCameraInfo, self._service, callback_group=group)
 
-    def commit(self, outcome: Outcome | None) -> Answer:
-        """Call the driver and tell what it said."""
+    def commit(self, outcome: Outcome | None, give_up: float) -> Answer:
+        """Call the driver and tell what it said. give_up: until when to wait for it to be there, by time.monotonic."""
         name = self._camera.name
         if outcome is None:
             return Answer(False, f"{name}: not calibrated yet")
-        if not self._client.wait_for_service(PATIENCE):
-            return Answer(False, f"{name}: nobody serves {self._service}; see the parameter {name}.set_camera_info")
+        if not self._client.wait_for_service(max(_LOOK, give_up - time.monotonic())):
+            return Answer(
+                False,
+                f"{name}: nobody serves {self._service}: start the driver, or set the parameter "
+                f"{name}.set_camera_info, and call ~/commit again",
+            )
         answered = threading.Event()
         future = self._client.call_async(
             SetCameraInfo.Request(camera_info=camera_info_message(outcome.info))

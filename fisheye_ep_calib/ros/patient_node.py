@@ -12,7 +12,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from fisheye_ep_calib.live.calibrator import Answer
+from fisheye_ep_calib.live.answer import Answer
 
 THREADS = 6  # one for each service that waits, one for a driver's answer, one for the timers
 

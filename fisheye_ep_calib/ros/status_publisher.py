@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from fisheye_ep_calib.live.status import CameraStatus
+from fisheye_ep_calib.live.status import Status
 from fisheye_ep_calib.ros.quality import LATCHED
 
 
@@ -21,20 +21,22 @@ class StatusPublisher:
         self._status = node.create_publisher(String, "~/status", LATCHED)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
-    def publish(self, cameras: list[CameraStatus]) -> None:
-        content = {"cameras": {camera.name: camera.as_dict() for camera in cameras}}
+    def publish(self, cameras: list[Status], rig: Status | None) -> None:
+        content: dict[str, Any] = {"cameras": {camera.name: camera.as_dict() for camera in cameras}}
+        if rig is not None:
+            content["rig"] = rig.as_dict()
         self._status.publish(String(data=json.dumps(content)))
-        array = DiagnosticArray(status=[self._diagnostic(camera) for camera in cameras])
+        array = DiagnosticArray(status=[self._diagnostic(one) for one in (*cameras, *filter(None, [rig]))])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
-    def _diagnostic(self, camera: CameraStatus) -> DiagnosticStatus:
-        values = {**camera.values, "next": camera.next}
+    def _diagnostic(self, status: Status) -> DiagnosticStatus:
+        values = {**status.values, "next": status.next}
         return DiagnosticStatus(
-            level=bytes([camera.level]),
-            name=f"{self._node.get_name()}: {camera.name}",
-            message=camera.message,
-            hardware_id=camera.name,
+            level=bytes([status.level]),
+            name=f"{self._node.get_name()}: {status.name}",
+            message=status.message,
+            hardware_id=status.name,
             values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
         )
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -79,6 +80,36 @@ def test_only_the_newest_frame_waits_and_cameras_take_turns(pool: WorkPool) -> N
     dropped += [pool.offer_frame("flood", task(str, number, outcomes=outcomes)) for number in range(100, 200)]
     assert dropped.count(True) == 199
     assert [outcomes.get(timeout=PATIENCE)[0] for _ in range(2)] == ["199", "rare"]
+
+
+@pytest.mark.parametrize("together_ns", [1000, None])
+def test_a_frame_that_goes_with_one_taken_is_not_replaced(together_ns) -> None:
+    """Two cameras, whose frames come in tenths of a second, and one worker that is slower."""
+    pool = WorkPool(1, print, together_ns)
+    outcomes: queue.Queue = queue.Queue()
+    started, go_on = threading.Event(), threading.Event()
+
+    def offer(camera: str, stamp: int, arguments: Callable[[], tuple] = tuple) -> bool:
+        done = lambda result, error: outcomes.put((camera, stamp))  # noqa: E731
+        return pool.offer_frame(camera, Task(os.getpid, arguments, done, 1000 * stamp))
+
+    try:
+        offer("a", 105, lambda: (started.set(), go_on.wait(PATIENCE))[2:])
+        assert started.wait(PATIENCE)
+        for tenth in range(1, 10):
+            dropped = [offer("b", 100 * tenth + 5)]
+            if tenth > 1:
+                dropped.append(offer("a", 100 * tenth))
+            assert all(dropped) == (tenth > 2)
+        go_on.set()
+        assert outcomes.get(timeout=PATIENCE) == ("a", 105)
+        found = [outcomes.get(timeout=PATIENCE) for _ in range(2)]
+        assert found == ([("b", 105), ("a", 900)] if together_ns else [("b", 905), ("a", 900)])
+        if together_ns:
+            assert offer("b", 905) is False
+            assert outcomes.get(timeout=PATIENCE) == ("b", 905)
+    finally:
+        pool.stop()
 
 
 def test_frames_go_on_beside_a_calibration() -> None:

@@ -45,9 +45,13 @@ def cameras(count: int, theta_max_deg: float = 97.5) -> list[FisheyeCamera]:
 
 
 def targets_between(
-    a: np.ndarray, b: np.ndarray, target: Target, count: int, seed: int, distance=(0.15, 0.35)
+    a: np.ndarray, b: np.ndarray, target: Target, count: int, seed: int, distance=(0.15, 0.35), theta_deg=20.0
 ) -> np.ndarray:
-    """Poses reference_from_target (count, 4, 4) of a target held where two cameras, by their poses, both see it."""
+    """Poses reference_from_target (count, 4, 4) of a target held where two cameras, by their poses, both see it.
+
+    distance, theta_deg: of the target's middle from the place between the cameras, metres, and from the axis between
+    theirs, at most.
+    """
     rng = np.random.default_rng(seed)
     axis = a[:3, 2] + b[:3, 2]
     view = np.eye(4)
@@ -61,7 +65,7 @@ def targets_between(
             view
             @ look_pose(
                 target,
-                theta=np.radians(rng.uniform(0, 20)),
+                theta=np.radians(rng.uniform(0, theta_deg)),
                 azimuth=rng.uniform(-np.pi, np.pi),
                 distance=rng.uniform(*distance),
                 tilt=np.radians(rng.uniform(0, 30)),
