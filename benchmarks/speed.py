@@ -12,6 +12,7 @@ import argparse
 import resource
 import statistics
 import time
+from functools import partial
 
 import cv2
 import numpy as np
@@ -75,13 +76,19 @@ def opencv(observations: Observations) -> float:
 
 def seconds(function, *arguments, repeats: int) -> float:
     """Median over repeats after one run to warm up."""
-    function(*arguments)
-    taken = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        function(*arguments)
-        taken.append(time.perf_counter() - began)
-    return statistics.median(taken)
+    return alternated(lambda: function(*arguments), repeats=repeats)[0]
+
+
+def alternated(*functions, repeats: int) -> list[float]:
+    """Median seconds of each, run in turns so that a busy moment of the machine meets all of them."""
+    taken: list[list[float]] = [[] for _ in functions]
+    for turn in range(repeats + 1):
+        for function, times in zip(functions, taken, strict=True):
+            began = time.perf_counter()
+            function()
+            if turn:
+                times.append(time.perf_counter() - began)
+    return [statistics.median(times) for times in taken]
 
 
 def main() -> None:
@@ -89,9 +96,9 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="without the 10,000 views")
     quick = parser.parse_args().quick
     cv2.setNumThreads(1)
-    for views, repeats in ((25, 9), (200, 3)):
+    for views, repeats in ((25, 15), (200, 5)):
         observations = scene(views)
-        own, other = seconds(one_fit, observations, repeats=repeats), seconds(opencv, observations, repeats=repeats)
+        own, other = alternated(partial(one_fit, observations), partial(opencv, observations), repeats=repeats)
         fit = one_fit(observations)
         print(
             f"{views} views: ours {own:.4f} s (RMS {fit.rms_px:.3f} px), cv2.fisheye {other:.4f} s "

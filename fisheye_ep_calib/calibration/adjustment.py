@@ -14,7 +14,6 @@ from fisheye_ep_calib.calibration.robust import LINEAR, Loss
 from fisheye_ep_calib.calibration.rotation import moved_poses
 from fisheye_ep_calib.calibration.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.camera.incidence import PupilRange, pupil_range
 from fisheye_ep_calib.errors import InputError
 
 
@@ -61,18 +60,12 @@ class Adjustment:
     converged: bool
 
 
-def camera_bounds(camera: FisheyeCamera, theta_limit: float) -> PupilRange:
-    """The bracket of the implicit angle while adjusting: r(θ) may still bend over on the way."""
-    return pupil_range(camera.pupil_family, camera.coefficients_array, theta_limit)
-
-
 def evaluate(problem: AdjustmentProblem, state: AdjustmentState) -> NormalEquations:
     """The normal equations at a state."""
     views, size = problem.view_count, problem.shared_size
     columns = 6 + size + 1
     hessian = np.zeros((views, columns, columns))
     free = np.flatnonzero(problem.free)
-    bounds = camera_bounds(state.camera, problem.theta_limit)
     cost, valid = 0.0, True
     for block in problem.blocks:
         found = predict(
@@ -81,7 +74,7 @@ def evaluate(problem: AdjustmentProblem, state: AdjustmentState) -> NormalEquati
             state.board_warp,
             state.camera_from_target[block.views],
             block,
-            bounds,
+            problem.theta_limit,
             jacobian=True,
             warp_jacobian=problem.warp_free,
         )
@@ -114,10 +107,9 @@ def residuals(problem: AdjustmentProblem, state: AdjustmentState, count: int):
     result = np.full((count, 2), np.nan)
     theta = np.full(count, np.nan)
     valid = np.zeros(count, dtype=bool)
-    bounds = camera_bounds(state.camera, problem.theta_limit)
     for block in problem.blocks:
         poses = state.camera_from_target[block.views]
-        found = predict(state.camera, problem.features, state.board_warp, poses, block, bounds)
+        found = predict(state.camera, problem.features, state.board_warp, poses, block, problem.theta_limit)
         rows = block.rows[block.real]
         result[rows] = (found.pixels - block.pixels)[:, block.real].T
         theta[rows] = found.theta[block.real]

@@ -30,7 +30,7 @@ from fisheye_ep_calib.errors import CalibrationError
 MIN_VIEWS = 3
 MIN_POINTS = 4  # sightings a view needs for its pose
 _ON_A_LINE = 1e-6  # variance of a view's points across, over that along; such a view may turn about its line
-_ROUGH = 1e-3  # tolerance of the stage that only serves as a start
+_ROUGH = 1e-2  # tolerance of the stage that only serves as a start
 
 
 @dataclass(frozen=True)

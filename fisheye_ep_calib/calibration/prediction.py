@@ -15,7 +15,6 @@ from fisheye_ep_calib.calibration.board_warp import BoardFrame
 from fisheye_ep_calib.calibration.target_axis import project_along_target_axis
 from fisheye_ep_calib.calibration.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.camera.incidence import PupilRange
 from fisheye_ep_calib.camera.projection import not_computed, project_coordinates
 from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
 
@@ -56,7 +55,7 @@ def predict(
     board_warp: np.ndarray,
     camera_from_target: np.ndarray,
     block: ViewBlock,
-    bounds: PupilRange,
+    theta_limit: float,
     jacobian: bool = False,
     warp_jacobian: bool = False,
 ) -> Prediction:
@@ -64,11 +63,13 @@ def predict(
     points = block.object_points
     if features.disc_radius is None:
         return _predict_points(
-            camera, features, board_warp, camera_from_target, points, bounds, jacobian, warp_jacobian
+            camera, features, board_warp, camera_from_target, points, theta_limit, jacobian, warp_jacobian
         )
     edge = features.disc_radius * boundary_directions(_BOUNDARY_SAMPLES) @ features.board.axes[:, :2].T
     boundary = points[:, None] + np.moveaxis(edge, -1, 0)[:, :, None, None]
-    found = _predict_points(camera, features, board_warp, camera_from_target, boundary, bounds, jacobian, warp_jacobian)
+    found = _predict_points(
+        camera, features, board_warp, camera_from_target, boundary, theta_limit, jacobian, warp_jacobian
+    )
     pixels, d_samples = curve_centroid(found.pixels[0], found.pixels[1])
     valid, theta = np.all(found.valid, axis=0), found.theta.mean(axis=0)
     if not jacobian:
@@ -95,7 +96,7 @@ def _contract(d_samples: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def _predict_points(
-    camera, features, board_warp, camera_from_target, points, bounds, jacobian, warp_jacobian
+    camera, features, board_warp, camera_from_target, points, theta_limit, jacobian, warp_jacobian
 ) -> Prediction:
     """Points (3, ..., B, N) in the target frame through poses (B, 4, 4)."""
     shapes = not_computed()
@@ -111,10 +112,10 @@ def _predict_points(
     x, y, z = (rotated[i] + offset[:, i] for i in range(3))
     normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
     if features.target_axis:
-        found, moved = project_along_target_axis(camera, x, y, z, normal.T, bounds, jacobian)
+        found, moved = project_along_target_axis(camera, x, y, z, normal.T, theta_limit, jacobian)
         rotated = [rotated[i] + moved[i] for i in range(3)]
     else:
-        found = project_coordinates(camera, x, y, z, bounds, jacobian)
+        found = project_coordinates(camera, x, y, z, theta_limit, jacobian)
     pixels = np.stack([found.u, found.v])
     if not jacobian:
         return Prediction(pixels, found.valid, found.theta)

@@ -15,14 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.camera.incidence import PupilRange
 from fisheye_ep_calib.camera.projection import Projection, project_coordinates
 
 _STEPS = 30
 
 
 def project_along_target_axis(
-    camera: FisheyeCamera, x, y, z, normal: np.ndarray, bounds: PupilRange, jacobian: bool = False
+    camera: FisheyeCamera, x, y, z, normal: np.ndarray, theta_limit: float, jacobian: bool = False
 ) -> tuple[Projection, np.ndarray]:
     """Project points p₀ = (x, y, z) of shape (..., B, N), camera frame, metres; normal (3, B): n of each view.
 
@@ -42,7 +41,7 @@ def project_along_target_axis(
     shift = camera.entrance_pupil(theta)
     moved = start + shift * axis
     central = replace(camera, model="kannala", coefficients=())
-    found = project_coordinates(central, moved[0], moved[1], moved[2], bounds, jacobian)
+    found = project_coordinates(central, moved[0], moved[1], moved[2], theta_limit, jacobian)
     if not jacobian:
         return found, shift * axis
     slope = camera.entrance_pupil_derivative(theta)

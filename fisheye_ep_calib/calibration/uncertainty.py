@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.adjustment import camera_bounds
 from fisheye_ep_calib.calibration.fit import Fit
 from fisheye_ep_calib.calibration.normal_equations import reduced_information, solve_scaled
 from fisheye_ep_calib.calibration.prediction import predict
@@ -50,7 +49,6 @@ def _gauge(fit: Fit) -> np.ndarray:
     Every residual's derivative by a motion p → p + ω × p + t of the camera frame is ∂pixel/∂p [−[p]×, I].
     """
     motion, mixed = np.zeros((6, 6)), np.zeros((6, fit.problem.shared_size))
-    bounds = camera_bounds(fit.state.camera, fit.problem.theta_limit)
     free = np.flatnonzero(fit.problem.free)
     for block in fit.problem.blocks:
         poses = fit.state.camera_from_target[block.views]
@@ -60,7 +58,7 @@ def _gauge(fit: Fit) -> np.ndarray:
             fit.state.board_warp,
             poses,
             block,
-            bounds,
+            fit.problem.theta_limit,
             jacobian=True,
             warp_jacobian=fit.problem.warp_free,
         )

@@ -6,7 +6,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.observations import Observations
 
-_SLOTS_PER_BLOCK = 4096  # sightings; larger blocks spill the Jacobian out of the cache, smaller ones cost calls
+_SLOTS_PER_BLOCK = 2560  # sightings; larger blocks spill the Jacobian out of the cache, smaller ones cost calls
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 
 from fisheye_ep_calib.camera.extras import LENS_EXTRAS
-from fisheye_ep_calib.camera.incidence import PupilRange, pupil_range
 from fisheye_ep_calib.camera.lenses import LENSES, Lens, solve_angle
 from fisheye_ep_calib.camera.lenses.lens import increasing_limit
 from fisheye_ep_calib.camera.projection import project_coordinates
@@ -164,11 +163,6 @@ class FisheyeCamera:
         """Largest angle with a projection, rad: theta_max, or where r(θ) stops increasing."""
         return increasing_limit(self.lens_model, self.radial_array, self.theta_max)
 
-    @cached_property
-    def pupil_bounds(self) -> PupilRange:
-        """Bounds of E(θ) up to theta_limit, the bracket of the implicit angle."""
-        return pupil_range(self.pupil_family, self.coefficients_array, self.theta_limit)
-
     def entrance_pupil(self, theta) -> np.ndarray:
         """E(θ), metres, shape of θ (rad). The pupil sits at z = −E(θ)."""
         return entrance_pupil(self.pupil_family, np.asarray(theta, dtype=float), self.coefficients_array)
@@ -189,14 +183,14 @@ class FisheyeCamera:
         Whether the pixel lies inside the image is not asked.
         """
         points = np.asarray(points, dtype=float)
-        found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.pupil_bounds)
+        found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
         return np.stack([found.u, found.v], axis=-1), found.valid
 
     def project_with_jacobian(self, points) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``project`` with ∂pixels/∂point (..., 2, 3) and ∂pixels/∂parameters (..., 2, P)."""
         points = np.asarray(points, dtype=float)
         found = project_coordinates(
-            self, points[..., 0], points[..., 1], points[..., 2], self.pupil_bounds, jacobian=True
+            self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit, jacobian=True
         )
         d_point = np.moveaxis(found.d_point, (0, 1), (-2, -1))
         d_parameters = np.moveaxis(found.d_parameters, (0, 1), (-2, -1))
@@ -205,7 +199,7 @@ class FisheyeCamera:
     def incidence_angle(self, points) -> np.ndarray:
         """θ (...), rad, of points (..., 3) in the camera frame, metres."""
         points = np.asarray(points, dtype=float)
-        found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.pupil_bounds)
+        found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
         return found.theta
 
     def _plane(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

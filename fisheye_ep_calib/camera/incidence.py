@@ -2,7 +2,8 @@
 
 With D = hypot(ρ, z + E), the distance from the pupil to the point, the derivative of
 g(θ) = ρ cosθ − (z + E(θ)) sinθ at a root is −(D + E′ sinθ). The root is regular while D > −E′(θ) sinθ: the
-point lies outside the caustic that the moving pupil's rays envelop.
+point lies outside the caustic that the moving pupil's rays envelop. The Newton steps solve the same root as
+h(θ) = θ − atan2(ρ, z + E(θ)), h′(θ) = 1 + ρ E′ / D²: one transcendental function a step, and free of rounding near 90°.
 """
 
 from typing import NamedTuple
@@ -12,15 +13,7 @@ import numpy as np
 from fisheye_ep_calib.camera.pupils import PupilFamily, entrance_pupil, entrance_pupil_derivative
 
 _NEWTON_STEPS = 8
-_SMALL_STEP = 1e-9  # rad; the steps converge quadratically, so that the next one is below rounding
-
-
-class PupilRange(NamedTuple):
-    """Bounds of E(θ) in metres on [0, theta_limit] (rad)."""
-
-    lowest: float
-    highest: float
-    theta_limit: float
+_SMALL_STEP = 1e-8  # rad; the steps converge quadratically, so that the next one is below rounding
 
 
 class IncidenceAngle(NamedTuple):
@@ -33,13 +26,13 @@ class IncidenceAngle(NamedTuple):
     valid: np.ndarray
 
 
-def pupil_range(family: PupilFamily, coefficients: np.ndarray, theta_limit: float) -> PupilRange:
-    """Bound E on [0, theta_limit] by samples plus the most that E can move between two of them."""
+def pupil_range(family: PupilFamily, coefficients: np.ndarray, theta_limit: float) -> tuple[float, float]:
+    """Bounds (metres) of E on [0, theta_limit] (rad): of samples, and the most that E can move between two of them."""
     theta = np.linspace(0.0, theta_limit, 257)
     shift = entrance_pupil(family, theta, coefficients)
     slope = np.abs(entrance_pupil_derivative(family, theta, coefficients)).max()
     margin = 2.0 * slope * (theta[1] - theta[0])
-    return PupilRange(float(shift.min() - margin), float(shift.max() + margin), float(theta_limit))
+    return float(shift.min() - margin), float(shift.max() + margin)
 
 
 def solve_incidence_angle(
@@ -47,33 +40,36 @@ def solve_incidence_angle(
     z: np.ndarray,
     family: PupilFamily,
     coefficients: np.ndarray,
-    bounds: PupilRange,
+    theta_limit: float,
 ) -> IncidenceAngle:
-    """Solve θ = atan2(ρ, z + E(θ)) on [0, bounds.theta_limit].
+    """Solve θ = atan2(ρ, z + E(θ)) on [0, theta_limit].
 
-    rho, z: arrays of one shape S, metres. Plain Newton steps from the central angle settle nearly every point; those
-    that they do not are solved in a bracket. Where no root lies below theta_limit, valid is False.
+    rho, z: arrays of one shape S, metres. Newton steps from the central angle settle nearly every point; those that
+    they do not are solved in a bracket. Where no root lies below theta_limit, valid is False.
     """
     theta = np.arctan2(rho, z)
     if len(coefficients) == 0:
-        valid = (theta <= bounds.theta_limit) & ((rho > 0) | (z > 0))
-        distance = np.hypot(rho, z)
+        valid = (theta <= theta_limit) & ((rho > 0) | (z > 0))
+        distance = np.sqrt(rho * rho + z * z)
         safe = np.where(distance > 0, distance, 1.0)
         return IncidenceAngle(theta, rho / safe, z / safe, distance, valid)
     with np.errstate(all="ignore"):  # points that run away are caught below
         for _ in range(_NEWTON_STEPS):
-            value, slope, _, _ = _equation(theta, rho, z, family, coefficients)
-            step = value / slope
+            axial = z + entrance_pupil(family, theta, coefficients)
+            bend = rho * entrance_pupil_derivative(family, theta, coefficients)
+            step = (np.arctan2(rho, axial) - theta) / (1 + bend / (rho * rho + axial * axial))
             theta = theta + step
             if np.abs(step).max(initial=0.0) < _SMALL_STEP:
                 break
-        solved = (np.abs(step) < _SMALL_STEP) & (theta >= 0) & (theta <= bounds.theta_limit)
-        value, slope, sine, cosine = _equation(theta, rho, z, family, coefficients)
-    if (solved & (slope > 0)).all():
+        axial = z + entrance_pupil(family, theta, coefficients)
+        distance = np.sqrt(rho * rho + axial * axial)
+        sine, cosine = rho / distance, axial / distance
+        slope = distance + entrance_pupil_derivative(family, theta, coefficients) * sine
+        solved = (np.abs(step) < _SMALL_STEP) & (theta >= 0) & (theta <= theta_limit) & (slope > 0)
+    if solved.all():
         return IncidenceAngle(theta, sine, cosine, slope, solved)
-    theta = np.where(solved, theta, bounds.theta_limit)
-    hard = ~(solved & (slope > 0))
-    theta[hard] = _solve_in_bracket(rho[hard], z[hard], family, coefficients, bounds)
+    theta = np.where(solved, theta, theta_limit)
+    theta[~solved] = _solve_in_bracket(rho[~solved], z[~solved], family, coefficients, theta_limit)
     value, slope, sine, cosine = _equation(theta, rho, z, family, coefficients)
     distance = np.hypot(rho, z + entrance_pupil(family, theta, coefficients))
     valid = (np.abs(value) <= 1e-9 * distance) & (slope > 0) & (distance > 0)
@@ -89,21 +85,22 @@ def _equation(theta, rho, z, family: PupilFamily, coefficients: np.ndarray):
     return value, slope, sine, cosine
 
 
-def _solve_in_bracket(rho, z, family: PupilFamily, coefficients: np.ndarray, bounds: PupilRange) -> np.ndarray:
+def _solve_in_bracket(rho, z, family: PupilFamily, coefficients: np.ndarray, theta_limit: float) -> np.ndarray:
     """θ by Newton steps kept in a bracket; theta_limit where there is no root below it.
 
     As lowest ≤ E ≤ highest, every root lies between atan2(ρ, z + highest) and atan2(ρ, z + lowest). Just outside the
     caustic g is positive at both ends and dips below zero between them: the bracket then ends where g turns. Where
     the slope has the wrong sign, inside the caustic, the bracket is halved instead.
     """
-    low = np.minimum(np.arctan2(rho, z + bounds.highest), bounds.theta_limit)
-    high = np.minimum(np.arctan2(rho, z + bounds.lowest), bounds.theta_limit)
+    lowest, highest = pupil_range(family, coefficients, theta_limit)
+    low = np.minimum(np.arctan2(rho, z + highest), theta_limit)
+    high = np.minimum(np.arctan2(rho, z + lowest), theta_limit)
     value, slope, _, _ = _equation(high, rho, z, family, coefficients)
     rising = (value > 0) & (slope < 0)
     if rising.any():
         high[rising] = _turning_angle(rho[rising], z[rising], low[rising], high[rising], family, coefficients)
         value, _, _, _ = _equation(high, rho, z, family, coefficients)
-    low = np.where((value > 0) & (rising | (high >= bounds.theta_limit)), high, low)
+    low = np.where((value > 0) & (rising | (high >= theta_limit)), high, low)
     theta = 0.5 * (low + high)
     for _ in range(80):
         value, slope, _, _ = _equation(theta, rho, z, family, coefficients)

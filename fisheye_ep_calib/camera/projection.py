@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fisheye_ep_calib.camera.extras import LENS_EXTRAS
-from fisheye_ep_calib.camera.incidence import IncidenceAngle, PupilRange, solve_incidence_angle
+from fisheye_ep_calib.camera.incidence import IncidenceAngle, solve_incidence_angle
 
 if TYPE_CHECKING:
     from fisheye_ep_calib.camera.fisheye import FisheyeCamera
@@ -52,12 +52,15 @@ def project_coordinates(
     x: np.ndarray,
     y: np.ndarray,
     z: np.ndarray,
-    bounds: PupilRange,
+    theta_limit: float,
     jacobian: bool = False,
 ) -> Projection:
-    """Project points (x, y, z) in the camera frame, metres, three arrays of one shape S."""
-    rho = np.hypot(x, y)
-    incidence = solve_incidence_angle(rho, z, camera.pupil_family, camera.coefficients_array, bounds)
+    """Project points (x, y, z) in the camera frame, metres, three arrays of one shape S.
+
+    theta_limit: rad; points at larger angles are marked invalid.
+    """
+    rho = np.sqrt(x * x + y * y)
+    incidence = solve_incidence_angle(rho, z, camera.pupil_family, camera.coefficients_array, theta_limit)
     on_axis = rho <= _ON_AXIS * np.abs(incidence.slope)
     safe_rho = np.where(on_axis, 1.0, rho)
     cos_phi = np.where(on_axis, 1.0, x / safe_rho)

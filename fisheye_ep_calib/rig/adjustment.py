@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.adjustment import camera_bounds
 from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
 from fisheye_ep_calib.calibration.levenberg_marquardt import Minimum, minimise
 from fisheye_ep_calib.calibration.normal_equations import NormalEquations
@@ -134,12 +133,18 @@ def _predictions(problem: RigProblem, state: RigState, camera: int, jacobian: bo
     """Each block of a camera with its views' moments and what is predicted for it."""
     views, model = problem.views[camera], state.cameras[camera]
     model = replace(model, theta_max=np.pi)  # sightings beyond the calibration's evidence are still sightings
-    bounds = camera_bounds(model, model.theta_limit)
     for block in views.blocks:
         moments = views.moments[block.views]
         poses = state.camera_from_reference[camera] @ state.reference_from_target[moments]
         found = predict(
-            model, problem.features, state.board_warp, poses, block, bounds, jacobian, jacobian and problem.warp_free
+            model,
+            problem.features,
+            state.board_warp,
+            poses,
+            block,
+            model.theta_limit,
+            jacobian,
+            jacobian and problem.warp_free,
         )
         yield block, moments, found
 

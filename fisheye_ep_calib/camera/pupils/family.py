@@ -1,5 +1,6 @@
 """The protocol of a pupil family: E(θ) = Σ_i coefficients_i · basis_i(θ)."""
 
+import math
 from typing import Protocol
 
 import numpy as np
@@ -22,13 +23,18 @@ class PupilFamily(Protocol):
 
 def entrance_pupil(family: PupilFamily, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """E(θ) in the unit of the coefficients (metres), shape of θ."""
-    return np.tensordot(np.asarray(coefficients, dtype=float), family.basis(theta, len(coefficients)), axes=1)
+    return _combined(family.basis(theta, len(coefficients)), coefficients)
 
 
 def entrance_pupil_derivative(family: PupilFamily, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """dE/dθ in metres per radian, shape of θ."""
-    basis = family.basis_derivative(theta, len(coefficients))
-    return np.tensordot(np.asarray(coefficients, dtype=float), basis, axes=1)
+    return _combined(family.basis_derivative(theta, len(coefficients)), coefficients)
+
+
+def _combined(basis: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Σ_i coefficients_i basis_i, of shape S for a basis (terms, *S)."""
+    weighted = np.asarray(coefficients, dtype=float) @ basis.reshape(len(basis), math.prod(basis.shape[1:]))
+    return weighted.reshape(basis.shape[1:])
 
 
 def power_basis(theta: np.ndarray, first: int, terms: int) -> np.ndarray:
