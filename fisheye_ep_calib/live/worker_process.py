@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
-import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
 from fisheye_ep_calib.errors import CalibrationError
-
-# Several workers share the cores: each keeps to one, whatever the numerical libraries would take.
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-
-_starting = threading.Lock()
+from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
 
 
 class WorkerProcess:
@@ -79,41 +73,15 @@ def _start(niceness: int) -> tuple[multiprocessing.process.BaseProcess, Connecti
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, niceness), daemon=True)
-    with _starting, _environment(ONE_THREAD), _interrupt_blocked():
+    with inherited_by_workers():
         process.start()
     theirs.close()
     return process, ours
 
 
-@contextlib.contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextlib.contextmanager
-def _interrupt_blocked() -> Iterator[None]:
-    """A child inherits the blocked signal: Ctrl-C in the terminal is the parent's to handle."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def _serve(connection: Connection, niceness: int) -> None:
     """The child's life: run what arrives until the parent is gone."""
-    import cv2
-
-    cv2.setNumThreads(1)
+    prepare_worker()
     os.nice(niceness)
     while True:
         try:

@@ -4,32 +4,13 @@ from __future__ import annotations
 
 import sys
 
-import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-
-from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.ros.calibrator_node import CalibratorNode
+from fisheye_ep_calib.ros.run_node import run_node
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the node until it is interrupted; 2 where it was given something that cannot be used."""
-    calibrator = None
-    try:
-        rclpy.init(args=arguments)
-        calibrator = CalibratorNode()
-        executor = SingleThreadedExecutor()
-        executor.add_node(calibrator.node)
-        executor.spin()
-    except CalibrationError as error:
-        print(f"calibrator: {error}", file=sys.stderr)
-        return error.exit_code
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        if calibrator is not None:
-            calibrator.close()
-        rclpy.try_shutdown()
-    return 0
+    """Run the node until it is interrupted."""
+    return run_node("calibrator", CalibratorNode, arguments)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -101,3 +103,19 @@ def test_integers_are_accepted_for_doubles_and_misspelt_names_are_told(start_cal
     calibrator.wait_to_say("front.topik is not known")
     calibrator.wait_to_say("nobody publishes /front/image_raw")
     assert calibrator.interrupt()[0] == 0
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4, 0.8, 1.5])
+def test_ctrl_c_in_a_terminal_right_after_the_start(start_calibrator, tmp_path, delay) -> None:
+    """It reaches the node's workers as well, while they are still starting."""
+    calibrator = start_calibrator(cameras="[front, rear]", target=TARGET, output_directory=tmp_path)
+    process = calibrator.process
+    children = Path(f"/proc/{process.pid}/task")
+    wait_for(lambda: any(path.read_text() for path in children.glob("*/children")), "the first child")
+    time.sleep(delay)
+    began = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    assert process.wait(30) == 0
+    assert time.monotonic() - began < 2.0
+    calibrator.end()
+    assert "Traceback" not in calibrator.output and "KeyboardInterrupt" not in calibrator.output

@@ -1,0 +1,54 @@
+"""What worker processes have in common, whoever starts them."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from multiprocessing import resource_tracker
+
+# Workers share the cores: each keeps to one thread, which also keeps sums in one order.
+_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+_starting = threading.Lock()
+
+
+@contextlib.contextmanager
+def inherited_by_workers() -> Iterator[None]:
+    """Processes started in here have one thread each, and no Ctrl-C.
+
+    In a terminal Ctrl-C reaches every process, but it is the parent's to handle.
+    """
+    resource_tracker.ensure_running()  # starting with the first worker, it would unblock the signal
+    with _starting:
+        before = {name: os.environ.get(name) for name in _ENVIRONMENT}
+        os.environ.update(_ENVIRONMENT)
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
+
+
+def prepare_worker() -> None:
+    """To be called in a worker first: OpenCV keeps to one thread too, and the process ends with its parent."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A killed parent cannot say goodbye; its workers must not outlive it, whatever they are doing."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
