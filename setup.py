@@ -18,7 +18,9 @@ ROS = [
     "ros-jazzy-common-interfaces",
     "ros-jazzy-rmw-fastrtps-cpp",
 ]
+CLUSTER = ["distributed>=2023.5"]
 TEST = [
+    *CLUSTER,
     "pytest>=8",
     "pytest-timeout>=2.3",
     "pytest-xdist>=3.5",
@@ -58,7 +60,7 @@ setup(
         "jinja2>=3.0",
         f"calib-targets>=0.15,<0.16; {HAS_CALIB_TARGETS}",
     ],
-    extras_require={"ros": ROS, "test": TEST},
+    extras_require={"cluster": CLUSTER, "ros": ROS, "test": TEST},
     entry_points={
         "console_scripts": [
             "fisheye_ep_calib = fisheye_ep_calib.cli:main",

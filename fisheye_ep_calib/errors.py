@@ -7,6 +7,12 @@ class CalibrationError(Exception):
     exit_code = 1
 
 
+class Interrupted(CalibrationError):
+    """The user ended the work; the message says what is kept. Exit code 130, as shells have it."""
+
+    exit_code = 130
+
+
 class InputError(CalibrationError):
     """Input that cannot be used: wrong arguments, an unreadable bag, file or message. Exit code 2."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,14 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from fisheye_ep_calib.calibration.view_selection import ViewSignature, view_signature
 from fisheye_ep_calib.collection.choice import INFORMATIVE, FrameChoice, closer_look, first_look, room_left
 from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
 from fisheye_ep_calib.collection.information import most_informative
+from fisheye_ep_calib.collection.pool import frame_pool
+from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
-from fisheye_ep_calib.collection.workers import FrameWorkers, Job
+from fisheye_ep_calib.collection.workers import Job
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
@@ -36,7 +36,8 @@ class Guide:
 class Collector:
     """Looks for one target in one recording, with worker processes that are kept for a second pass.
 
-    workers: processes; 0 looks in the calling process. strict: an image that cannot be read is an error.
+    workers: processes; 0 looks in the calling process. scheduler: address of a Dask cluster that looks instead.
+    strict: an image that cannot be read is an error.
     log: a file that holds what was found so far, removed by ``forget``; resume: go on from it.
     """
 
@@ -50,6 +51,7 @@ class Collector:
         quiet: bool = False,
         log: str | PathLike | None = None,
         resume: bool = False,
+        scheduler: str | None = None,
     ) -> None:
         self._recording = recording
         self._target = target
@@ -58,7 +60,7 @@ class Collector:
         self._log_path = None if log is None else Path(log)
         self._resume = resume
         self._log: DetectionLog | None = None
-        self._workers = FrameWorkers(recording, target.detector(), workers)
+        self._workers = frame_pool(recording, target.detector(), workers, scheduler)
 
     def __enter__(self) -> Collector:
         return self
@@ -67,6 +69,11 @@ class Collector:
         self._workers.close()
         if self._log is not None:
             self._log.close()
+
+    @property
+    def log(self) -> DetectionLog | None:
+        """What was found so far, on disk, once the search has begun."""
+        return self._log
 
     def forget(self) -> None:
         """Delete the log: what was found is saved elsewhere."""
@@ -127,7 +134,7 @@ class Collector:
         self,
         jobs: Mapping[str, Sequence[Job]],
         seen: dict[str, dict[int, FrameResult]],
-        progress: tqdm,
+        progress,
         next_jobs: Callable[[str], Sequence[Job]] = lambda topic: (),
         log: DetectionLog | None = None,
     ) -> bool:
@@ -187,9 +194,8 @@ class Collector:
         points = self._target.object_points[frame.detection.point_index]
         return view_signature(points, frame.detection.pixels, frame.image_size)
 
-    def _progress(self, what: str, total: int) -> tqdm:
-        # disable=None: shown where stderr is a terminal.
-        return tqdm(total=total, desc=what, unit="image", file=sys.stderr, disable=True if self._quiet else None)
+    def _progress(self, what: str, total: int):
+        return progress_bar(what=what, total=total, quiet=self._quiet)
 
 
 def _in_order(frames: Mapping[int, FrameResult]) -> tuple[FrameResult, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
@@ -17,69 +18,102 @@ from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.detection import Detection
 
-FORMAT = 1
+if sys.platform != "win32":
+    import fcntl
+else:
+    fcntl = None
+
+FORMAT = 2
 
 
 class DetectionLog:
     """One line of JSON an image. A line that a crash left unfinished is dropped.
 
-    known: (topic, image) → what an earlier run saw.
+    known: (topic, image) → what an earlier run saw. images: how many it holds. holds_views: the target was found in
+    some of them.
     """
 
     def __init__(self, path: Path, key: str, resume: bool) -> None:
         """key: what was searched and for what; an earlier log of another key is not resumed (InputError)."""
-        self._path = path
+        self.path = path
         self.known: dict[tuple[str, int], FrameResult] = {}
+        self.images = 0
+        self.holds_views = False
         try:
-            lines = path.read_text("utf-8").split("\n")[:-1] if resume and path.exists() else []
             path.parent.mkdir(parents=True, exist_ok=True)
-            if lines:
-                self._check(lines[0], key)
-                self.known = _parse(lines[1:])
-            self._file: IO[str] = open(path, "w", encoding="utf-8")
-            self._write({"format": FORMAT, "key": key})
-            for result in self.known.values():
-                self._write(_to_json(result))
-        except (OSError, UnicodeDecodeError) as error:
-            raise CalibrationError(f"{path} cannot be used: {error}") from None
+            self._file: IO[bytes] = open(path, "a+b")
+            self._lock()
+            self._file.seek(0)
+            self._take_over(self._file.read() if resume else b"", key)
+        except OSError as error:
+            raise CalibrationError(f"{path} cannot be used: {error.strerror or error}") from None
 
-    def _check(self, line: str, key: str) -> None:
+    def _lock(self) -> None:
+        if fcntl is None:
+            return
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._file.close()
+            raise InputError(f"{self.path} is in use by another run; give this one another --output") from None
+        except OSError:
+            pass  # a file system without locks
+
+    def _take_over(self, content: bytes, key: str) -> None:
+        """Know what whole lines tell, and have new ones written after them."""
+        lines = content.split(b"\n")[:-1]
+        good = 0
+        if lines:
+            self._check(lines[0], key)
+            self.known, whole = _parse(lines[1:])
+            good = sum(len(line) + 1 for line in lines[: 1 + whole])
+            self.images = len(self.known)
+            self.holds_views = any(result.found for result in self.known.values())
+        self._file.truncate(good)
+        if not good:
+            self._write({"format": FORMAT, "key": key})
+
+    def _check(self, line: bytes, key: str) -> None:
         try:
             head = json.loads(line)
             same = head["format"] == FORMAT and head["key"] == key
         except (ValueError, KeyError, TypeError):
-            raise InputError(f"{self._path} is damaged; run without --resume") from None
+            self._file.close()
+            raise InputError(f"{self.path} is damaged; run without --resume") from None
         if not same:
-            raise InputError(f"{self._path} is of another recording or target; run without --resume")
+            self._file.close()
+            raise InputError(f"{self.path} is of another recording or target; run without --resume")
 
     def add(self, result: FrameResult) -> None:
         """Remember an image; on disk when this returns, short of a power cut."""
         try:
             self._write(_to_json(result))
         except OSError as error:
-            raise CalibrationError(f"cannot write {self._path}: {error.strerror or error}") from None
+            raise CalibrationError(f"cannot write {self.path}: {error.strerror or error}") from None
+        self.images += 1
+        self.holds_views |= result.found
 
     def _write(self, content: dict) -> None:
-        self._file.write(json.dumps(content, separators=(",", ":")) + "\n")
+        self._file.write(json.dumps(content, separators=(",", ":")).encode() + b"\n")
         self._file.flush()
 
     def close(self) -> None:
         self._file.close()
 
     def remove(self) -> None:
-        """Close and delete: the results are saved elsewhere."""
+        """Delete and close: the results are saved elsewhere, or there are none."""
+        self.path.unlink(missing_ok=True)
         self._file.close()
-        self._path.unlink(missing_ok=True)
 
 
 def search_key(recording: Recording, topics: Sequence[str], target: Target) -> str:
-    """Names a search: the same images, by their times, and the same target, by its type and points."""
+    """Names a search: the same images, by their times or paths, and the same target, by its type and points."""
     digest = hashlib.sha256(type(target).__name__.encode())
     digest.update(np.ascontiguousarray(target.object_points, dtype="<f8").tobytes())
     digest.update(repr(target.disc_radius).encode())
     for topic in sorted(topics):
-        stamps = np.array(recording.stamps(topic), dtype="<i8")
-        digest.update(os.fsencode(topic) + b"\0" + stamps.tobytes())
+        for part in (topic, *recording.identities(topic)):
+            digest.update(os.fsencode(part) + b"\0")
     return digest.hexdigest()
 
 
@@ -121,12 +155,13 @@ def _from_json(content: dict) -> FrameResult:
     )
 
 
-def _parse(lines: Sequence[str]) -> dict[tuple[str, int], FrameResult]:
+def _parse(lines: Sequence[bytes]) -> tuple[dict[tuple[str, int], FrameResult], int]:
+    """What lines tell, and how many come before the first that is damaged; what follows is looked at again."""
     known = {}
-    for line in lines:
+    for number, line in enumerate(lines):
         try:
             result = _from_json(json.loads(line))
         except (ValueError, KeyError, TypeError, IndexError):
-            break  # what follows damage is looked at again
+            return known, number
         known[result.topic, result.index] = result
-    return known
+    return known, len(lines)

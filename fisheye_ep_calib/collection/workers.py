@@ -7,12 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
-import signal
-import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -25,9 +22,8 @@ from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.detection import Detection, Detector
+from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
 
-# Workers share the cores: each keeps to one thread, which also keeps sums in one order.
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 QUEUED_A_WORKER = 2
 
 
@@ -111,7 +107,7 @@ class FrameWorkers:
             try:
                 self._ready.append(self._submit(job).result())
             except BrokenProcessPool:
-                self._ready.append(_failed(self._recording, job, "a worker process died on it"))
+                self._ready.append(failed_on(self._recording, job, "a worker process died on it"))
         self._end_pool()
 
     def _submit(self, job: Job) -> Future:
@@ -122,30 +118,13 @@ class FrameWorkers:
                 initializer=_initialize,
                 initargs=(self._recording, self._detector),
             )
-        with _inherited_by_workers():  # which the pool starts when it is given work
+        with inherited_by_workers():  # which the pool starts when it is given work
             return self._pool.submit(_look, job)
 
     def _end_pool(self) -> None:
         pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextlib.contextmanager
-def _inherited_by_workers() -> Iterator[None]:
-    """One thread each, and no Ctrl-C: in a terminal it reaches every process, but it is the parent's to handle."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 def look(recording: Recording, detector: Detector, job: Job) -> FrameResult:
@@ -155,7 +134,7 @@ def look(recording: Recording, detector: Detector, job: Job) -> FrameResult:
     try:
         image = frame.image()
     except InputError as error:
-        return _failed(recording, job, str(error), time.perf_counter() - started)
+        return failed_on(recording, job, str(error), time.perf_counter() - started)
     read = time.perf_counter()
     try:
         if job.camera_from_target is None:
@@ -164,7 +143,7 @@ def look(recording: Recording, detector: Detector, job: Job) -> FrameResult:
             detection = detector.detect_guided(image, job.camera, job.camera_from_target)
     except Exception as error:  # one strange image must not cost the others
         said = (str(error).splitlines() or [""])[0]
-        return _failed(recording, job, f"the detector failed on it ({type(error).__name__}: {said})")
+        return failed_on(recording, job, f"the detector failed on it ({type(error).__name__}: {said})")
     size = (image.shape[1], image.shape[0])
     return FrameResult(
         job.topic,
@@ -178,7 +157,7 @@ def look(recording: Recording, detector: Detector, job: Job) -> FrameResult:
     )
 
 
-def _failed(recording: Recording, job: Job, error: str, seconds: float = 0.0) -> FrameResult:
+def failed_on(recording: Recording, job: Job, error: str, seconds: float = 0.0) -> FrameResult:
     frame = recording.frame(job.topic, job.index)
     return FrameResult(job.topic, job.index, frame.stamp_ns, frame.name, None, Detection(), error, read_seconds=seconds)
 
@@ -188,17 +167,8 @@ _process: tuple[Recording, Detector] | None = None
 
 def _initialize(recording: Recording, detector: Detector) -> None:
     global _process
-    cv2.setNumThreads(1)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    prepare_worker()
     _process = (recording, detector)
-
-
-def _end_with_parent() -> None:
-    """A killed parent cannot say goodbye; its workers must not outlive it."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _look(job: Job) -> FrameResult:

@@ -7,16 +7,18 @@ import os
 import sys
 from pathlib import Path
 
-from fisheye_ep_calib.calibration import CalibrationResult, calibrate
+from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
 from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.commands.json_text import json_text
 from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing
+from fisheye_ep_calib.commands.resuming import add_resume_argument, log_of
 from fisheye_ep_calib.commands.sources import CameraSource, add_source_arguments, camera_sources
 from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
+from fisheye_ep_calib.storage.results_folder import nearest_folder, results_folder
 
 DESCRIPTION = (
     "Calibrate one or several cameras and write a camera file for each, CALIBRATION/NAME.yaml, and what was seen,\n"
@@ -47,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"folder for the results (default: {DEFAULT_OUTPUT}, numbered where it is taken)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace earlier results in DIR")
+    add_resume_argument(parser)
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     parser.add_argument(
@@ -85,32 +88,60 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.svp_distance > 0:
         raise InputError("--svp-distance must be positive")
     output = _free_folder(arguments.output)
-    pages = [] if arguments.no_report else [output / PAGE]
-    refuse_existing([*pages, output / RECORD], arguments.overwrite)  # before hours of images are looked at
-    reports, failures = {}, []
-    with (
-        camera_sources(arguments) as (cameras, look_again),
-        CalibrationReports(output, cameras, arguments) as collected,
-    ):
-        _refuse_overwriting(output, cameras, arguments.overwrite)
-        for camera in cameras:
-            try:
-                camera, result, seconds = _calibrate(camera, look_again, arguments)
-                path = _save(output, camera, result)
-                reports[camera.name] = calibration_json(camera, result, seconds, path)
-                collected.add(camera, result, reports[camera.name])
-                print(calibration_text(camera, result, path), file=sys.stderr if arguments.json else sys.stdout)
-                if not result.converged:
-                    raise CalibrationError(f"the fit did not converge; its best state is in {path}")
-            except CalibrationError as error:
-                failures.append(error)
-                if len(cameras) > 1:
-                    print(f"{camera.name}: error: {error}", file=sys.stderr)
-    if arguments.json and (reports or len(cameras) > 1):
+    _refuse_taken(output, [], arguments)
+    log = log_of(output, arguments.resume)
+    with camera_sources(arguments, log, lambda names: _refuse_taken(output, names, arguments)) as (cameras, look_again):
+        with results_folder(output) as folder:
+            reports, failures = _calibrate_all(cameras, look_again, arguments, folder, output)
+    said = sys.stderr if arguments.json else sys.stdout
+    for name, report in reports.items():
+        print(f"{name}: wrote {report['yaml']}" if report["yaml"] else f"{name}: this model is no camera", file=said)
+    if not arguments.no_report:
+        print(f"wrote {output / PAGE}", file=said)
+    if arguments.json:
         print(json_text({"cameras": reports}))
     if len(cameras) == 1 and failures:
         raise failures[0]
     return max((error.exit_code for error in failures), default=0)
+
+
+def _calibrate_all(
+    cameras: list[CameraSource], look_again, arguments: argparse.Namespace, folder: Path, output: Path
+) -> tuple[dict[str, dict], list[CalibrationError]]:
+    """Write every camera's results to ``folder``, which becomes ``output``; what ``--json`` says, and what failed.
+
+    Raises CalibrationError where no camera could be calibrated.
+    """
+    reports, failures = {}, []
+    with CalibrationReports(folder, cameras, arguments) as collected:
+        for camera in cameras:
+            try:
+                camera, result, seconds = _calibrate(camera, look_again, arguments)
+                name = _save(folder, camera, result)
+                reports[camera.name] = calibration_json(camera, result, seconds, name and output / name)
+                collected.add(camera, result, reports[camera.name])
+                print(calibration_text(camera, result), file=sys.stderr if arguments.json else sys.stdout)
+                if not result.converged:
+                    raise CalibrationError(f"the fit did not converge; its best state is in {output / (name or '')}")
+            except CalibrationError as error:
+                failures.append(error)
+                if len(cameras) > 1:
+                    print(f"{camera.name}: error: {error}", file=sys.stderr)
+        if not reports:
+            raise _all_failed(failures)
+        for camera in cameras:
+            if camera.name not in reports and camera.run is not None and isinstance(camera.found, Observations):
+                _save_observations(folder, camera)
+                print(f"{camera.name}: what was found is in {output / _observation_file(camera)}", file=sys.stderr)
+    return reports, failures
+
+
+def _all_failed(failures: list[CalibrationError]) -> CalibrationError:
+    if len(failures) == 1:
+        return failures[0]
+    error = CalibrationError(f"none of the {len(failures)} cameras could be calibrated")
+    error.exit_code = max(one.exit_code for one in failures)
+    return error
 
 
 def _calibrate(camera: CameraSource, look_again, arguments: argparse.Namespace):
@@ -154,7 +185,7 @@ def _free_folder(given: Path | None) -> Path:
 
 def _usable_folder(given: Path) -> Path:
     """The folder given, where results can be written in it or in the nearest folder above it."""
-    there = next(place for place in (given, *given.absolute().parents) if place.exists())
+    there = nearest_folder(given)
     if not there.is_dir():
         raise InputError(f"--output {given}: {there} is not a folder")
     if not os.access(there, os.W_OK | os.X_OK):
@@ -162,24 +193,29 @@ def _usable_folder(given: Path) -> Path:
     return given
 
 
-def _refuse_overwriting(output: Path, cameras: list[CameraSource], overwrite: bool) -> None:
-    if overwrite:
-        return
-    for camera in cameras:
-        if (output / f"{camera.name}.yaml").exists():
-            raise InputError(f"{output / camera.name}.yaml is there already; give another --output, or --overwrite")
+def _refuse_taken(output: Path, names: list[str], arguments: argparse.Namespace) -> None:
+    """Before hours of images are looked at. names: of cameras, as far as they are known."""
+    pages = [] if arguments.no_report else [PAGE]
+    files = [*pages, RECORD, *(f"{name}.yaml" for name in names)]
+    refuse_existing([output / file for file in files], arguments.overwrite)
 
 
-def _save(output: Path, camera: CameraSource, result: CalibrationResult) -> Path | None:
+def _save(folder: Path, camera: CameraSource, result: CalibrationResult) -> str | None:
     """Write the observations, then the camera file; one that did not converge is marked by its name.
 
-    None for the paper's equation as printed, which is no camera.
+    Returns the camera file's name; None for the paper's equation as printed, which is no camera.
     """
-    folder = output / "observations"
-    folder.mkdir(parents=True, exist_ok=True)
-    save_observations(folder / f"{camera.name}.npz", camera.observations)
+    _save_observations(folder, camera)
     if result.fit.structure.target_axis:
         return None
-    path = output / (f"{camera.name}.yaml" if result.converged else f"{camera.name}.not_converged.yaml")
-    save_camera(path, result, camera.name, camera.source)
-    return path
+    name = f"{camera.name}.yaml" if result.converged else f"{camera.name}.not_converged.yaml"
+    save_camera(folder / name, result, camera.name, camera.source)
+    return name
+
+
+def _save_observations(folder: Path, camera: CameraSource) -> None:
+    save_observations(folder / _observation_file(camera), camera.observations)
+
+
+def _observation_file(camera: CameraSource) -> str:
+    return f"observations/{camera.name}.npz"

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.collection import Collector
+from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.commands.live_demo import play_to_calibrator, why_not_live
 from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import CalibrationError
@@ -91,7 +90,7 @@ def _render(bag: Path, cameras: dict[str, FisheyeCamera]) -> None:
     ]
     total = sum(len(camera.views) for camera in rig)
     images = simulate_rig(rig, RATE, time.time_ns())
-    write_bag(bag, tqdm(images, "rendering", total, unit="image", file=sys.stderr, disable=None))
+    write_bag(bag, progress_bar(images, "rendering", total=total))
     print(f"wrote {bag}: {total} images of 2048 × 2048, {bag.stat().st_size / 1e6:.0f} MB")
 
 

@@ -8,12 +8,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from tqdm import tqdm
 
+from fisheye_ep_calib.collection import DetectionRun
+from fisheye_ep_calib.collection.progress import progress_bar
+from fisheye_ep_calib.commands.reporting import refuse_existing
+from fisheye_ep_calib.commands.resuming import add_resume_argument, log_of, refuse_interrupted
 from fisheye_ep_calib.commands.sources import Looking, add_source_arguments, from_run, looking, safe_name
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.observation_file import save_observations
+from fisheye_ep_calib.storage.results_folder import results_folder
 from fisheye_ep_calib.target import Detection
 
 DESCRIPTION = (
@@ -31,39 +35,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder for the results")
     parser.add_argument("--overlay", action="store_true", help="write the images with what was found in them")
     parser.add_argument("--overwrite", action="store_true", help="replace earlier results in DIR")
+    add_resume_argument(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     if any(Path(source).suffix == ".npz" for source in arguments.source):
         raise InputError("detect needs images; an observation file holds what was found already")
-    missing = 0
-    with looking(arguments) as place:
-        files = {name: arguments.output / f"{name}.npz" for name in place.topics}
-        for path in files.values():
-            if path.exists() and not arguments.overwrite:
-                raise InputError(f"{path} is there already; give another --output, or --overwrite")
+    output, log = arguments.output, log_of(arguments.output, arguments.resume)
+    with looking(arguments, log) as place:
+        refuse_existing([output / f"{name}.npz" for name in place.topics], arguments.overwrite)
         runs = place.collector.collect(tuple(place.topics.values()), place.choice)
-        arguments.output.mkdir(parents=True, exist_ok=True)
-        for name, topic in place.topics.items():
-            camera = from_run(name, runs[topic], place.target, ", ".join(map(str, arguments.source)))
-            for view, reason in camera.unused_views.items():
-                print(f"{name}: {view}: {reason}")
-            if arguments.overlay:
-                _write_overlays(place, name, runs[topic].frames, arguments.output / f"{name}_overlay")
-            try:
-                save_observations(files[name], camera.observations)
-                print(
-                    f"{name}: {len(camera.observations.pixels)} points in {len(runs[topic].views)} views: {files[name]}"
-                )
-            except CalibrationError as error:
-                missing += 1
-                print(f"{name}: {error}", file=sys.stderr)
-    return 1 if missing == len(files) else 0
+        refuse_interrupted(runs, log)
+        with results_folder(output) as folder:
+            lines = [_write(place, name, runs[topic], arguments, folder) for name, topic in place.topics.items()]
+    for line in filter(None, lines):
+        print(line)
+    return 0 if any(lines) else 1
+
+
+def _write(place: Looking, name: str, run: DetectionRun, arguments: argparse.Namespace, folder: Path) -> str:
+    """One camera's results; returns what to say of them, nothing where the target was not found."""
+    camera = from_run(name, run, place.target, ", ".join(map(str, arguments.source)))
+    for view, reason in camera.unused_views.items():
+        print(f"{name}: {view}: {reason}")
+    if arguments.overlay:
+        _write_overlays(place, name, run.frames, folder / f"{name}_overlay")
+    try:
+        save_observations(folder / f"{name}.npz", camera.observations)
+    except CalibrationError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return ""
+    points, views = len(camera.observations.pixels), len(run.views)
+    return f"{name}: {points} points in {views} views: {arguments.output / f'{name}.npz'}"
 
 
 def _write_overlays(place: Looking, name: str, frames, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    for frame in tqdm(frames, f"{name}: overlays", unit="image", file=sys.stderr, disable=None):
+    for frame in progress_bar(frames, f"{name}: overlays"):
         if frame.error:
             continue
         image = place.recording.frame(frame.topic, frame.index).image()

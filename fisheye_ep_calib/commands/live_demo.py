@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.reader import make_reader
 
 from fisheye_ep_calib.errors import CalibrationError
 
@@ -179,6 +178,8 @@ class _Player:
 
     def play(self, bag: Path, check: Callable[[], None]) -> None:
         """Publish the bag's images, serialized as they are, at the times at which they were recorded."""
+        from mcap.reader import make_reader
+
         with open(bag, "rb") as file:
             began = first = None
             for _, channel, message in make_reader(file).iter_messages(topics=list(self._publishers)):

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import cv2
 import yaml
-from tqdm import tqdm
 
+from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.commands.sources import safe_name
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.rectification import (
@@ -142,7 +142,7 @@ def _rectify(frames: Sequence[Frame], paths: Sequence[Path], rectifier: Rectifie
     """How many images were written; damaged ones are told and passed over."""
     written, first_error = 0, ""
     # disable=None: a bar only where stderr is a terminal.
-    progress = tqdm(zip(frames, paths, strict=True), "rectifying", len(frames), unit="image", disable=None)
+    progress = progress_bar(zip(frames, paths, strict=True), "rectifying", total=len(frames))
     for frame, path in progress:
         try:
             picture = rectifier.rectify(frame.picture().for_opencv(), arguments.distance)

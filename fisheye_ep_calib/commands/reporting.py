@@ -28,7 +28,7 @@ def refuse_existing(paths: Sequence[Path | None], overwrite: bool) -> None:
 
 
 class CalibrationReports:
-    """Collects the cameras of one ``calibrate`` and writes report.html and calibration.json when it is left.
+    """Collects the cameras of one ``calibrate`` and writes report.html and calibration.json to ``folder`` when left.
 
     What was collected is written after a CalibrationError too: the other cameras' results are there.
     """
@@ -39,8 +39,6 @@ class CalibrationReports:
         self._records: dict[str, dict] = {}
 
     def __enter__(self) -> CalibrationReports:
-        pages = [] if self._arguments.no_report else [self._folder / PAGE]
-        refuse_existing([*pages, self._folder / RECORD], self._arguments.overwrite)
         return self
 
     def add(self, camera: CameraSource, result: CalibrationResult, content: dict) -> None:
@@ -73,7 +71,6 @@ class CalibrationReports:
         from fisheye_ep_calib.report.html import write_report
 
         write_report(self._folder / PAGE, self._pages)
-        print(f"wrote {self._folder / PAGE}", file=sys.stderr if self._arguments.json else sys.stdout)
 
 
 def write_evaluation_report(

@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
 from fisheye_ep_calib.collection.workers import FrameWorkers, Job
 from fisheye_ep_calib.commands.sources import camera_name, safe_name
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.rig.symmetry import unmistakable
 from fisheye_ep_calib.rig.synchronisation import simultaneous, stamps_of_names
 from fisheye_ep_calib.simulation.sequence import usable_cores
 from fisheye_ep_calib.storage.observation_file import load_observations
@@ -109,7 +110,7 @@ def _from_recording(names, recording: Recording, target: Target, arguments: argp
         if True not in numbered:  # by the camera's clock, so that saved observations can be matched too
             by_time = tuple(f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in taken.tolist())
             observations = replace(observations, image_names=by_time)
-        seen[name] = Seen(observations, taken, topic, True in numbered, _unmistakable(target))
+        seen[name] = Seen(observations, taken, topic, True in numbered, unmistakable(target))
     return seen
 
 
@@ -139,7 +140,7 @@ def _look(recording: Recording, target: Target, topics: list[str], moments: np.n
     # disable=None: a bar only where stderr is a terminal.
     expected = min(arguments.max_moments, len(moments)) * len(topics)
     try:
-        with tqdm(desc="looking for the target", total=expected, unit="image", file=sys.stderr, disable=None) as bar:
+        with progress_bar(what="looking for the target", total=expected) as bar:
             for rows in (_spread(len(moments), arguments.max_moments), None):
                 chosen = _between(moments, found, looked, arguments.max_moments) if rows is None else rows
                 looked.update(chosen)
@@ -174,7 +175,3 @@ def _between(moments: np.ndarray, found, looked: set[int], most: int) -> list[in
 
 def _saw(found, camera: int, image: int) -> bool:
     return image in found[camera] and found[camera][image].found
-
-
-def _unmistakable(target: Target) -> bool:
-    return target.kind in ("charuco", "aprilgrid") or len(getattr(target, "holed", ())) >= 3

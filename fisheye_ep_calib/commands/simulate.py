@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
+from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.simulation import (
     Imaging,
@@ -89,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     total = sum(len(camera.views) for camera in rig)
     images = simulate_rig(rig, arguments.rate, time.time_ns(), arguments.compression)
     # disable=None: a bar only where stderr is a terminal.
-    count = write_bag(arguments.output, tqdm(images, "rendering", total, unit="image", file=sys.stderr, disable=None))
+    count = write_bag(arguments.output, progress_bar(images, "rendering", total=total))
     print(f"wrote {count} images of {', '.join(camera.name for camera in rig)} to {arguments.output}")
     return 0
 

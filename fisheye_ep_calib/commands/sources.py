@@ -15,6 +15,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
+from fisheye_ep_calib.commands.resuming import Log, keeping_what_was_found, refuse_interrupted
 from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.observation_file import load_observations
@@ -80,14 +81,22 @@ def add_source_arguments(parser: argparse.ArgumentParser, many: bool) -> None:
     looking.add_argument("--all", action="store_true", help="every image")
     looking.add_argument("--strict", action="store_true", help="refuse damaged recordings and images")
     looking.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    looking.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="look on the workers of this Dask cluster instead; they read the recording at the same path "
+        "(pip install 'fisheye_ep_calib[cluster]')",
+    )
 
 
 @contextmanager
-def looking(arguments: argparse.Namespace) -> Iterator[Looking]:
-    """Open the recording and the workers that look at its images."""
+def looking(arguments: argparse.Namespace, log: Log | None = None) -> Iterator[Looking]:
+    """Open the recording and the workers that look at its images. log: where to keep what they find meanwhile."""
     if arguments.target is None:
         raise InputError("images need --target TARGET.yaml, which says what to look for")
     target = load_target(arguments.target)
+    if log is not None and log.resume and not log.path.exists():
+        print(f"nothing to resume: there is no {log.path}", file=sys.stderr)
     began = time.perf_counter()
     with open_recording(arguments.source, strict=arguments.strict) as recording:
         for problem in recording.problems:
@@ -95,13 +104,30 @@ def looking(arguments: argparse.Namespace) -> Iterator[Looking]:
         topics = _named_topics(recording, arguments.topic)
         workers = usable_cores() if arguments.workers is None else arguments.workers
         choice = FrameChoice(arguments.max_views, 1 if arguments.all else arguments.every)
-        with Collector(recording, target, workers=0 if workers == 1 else workers, strict=arguments.strict) as collector:
-            yield Looking(recording, target, collector, topics, choice, time.perf_counter() - began)
+        with Collector(
+            recording,
+            target,
+            workers=0 if workers == 1 else workers,
+            strict=arguments.strict,
+            scheduler=arguments.scheduler,
+            log=log and log.path,
+            resume=log is not None and log.resume,
+        ) as collector:
+            with keeping_what_was_found(collector):
+                yield Looking(recording, target, collector, topics, choice, time.perf_counter() - began)
 
 
 @contextmanager
-def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraSource], Callable | None]]:
-    """Every camera's observations, and ``look_again(guides)`` where there are images to look at again."""
+def camera_sources(
+    arguments: argparse.Namespace,
+    log: Log | None = None,
+    before_looking: Callable[[list[str]], None] = lambda names: None,
+) -> Iterator[tuple[list[CameraSource], Callable | None]]:
+    """Every camera's observations, and ``look_again(guides)`` where there are images to look at again.
+
+    log: of what is found meanwhile; an interruption then ends it all, and keeps the log. before_looking: is called
+    with the cameras' names before the images are looked at, to refuse what cannot end well.
+    """
     paths = [Path(path) for path in arguments.source]
     files = [path for path in paths if path.suffix == ".npz"]
     if files and len(files) < len(paths):
@@ -109,13 +135,17 @@ def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraS
     if files:
         if arguments.topic:
             raise InputError("--topic names images in recordings; an observation file has none")
-        yield _differently_named([_from_file(path, arguments.split) for path in files]), None
+        cameras = _differently_named([_from_file(path, arguments.split) for path in files])
+        before_looking([camera.name for camera in cameras])
+        yield cameras, None
         return
     if arguments.split is not None:
         raise InputError("--split is for observation files; recordings have none")
     source = ", ".join(map(str, paths))
-    with looking(arguments) as place:
+    with looking(arguments, log) as place:
+        before_looking(list(place.topics))
         runs = place.collector.collect(tuple(place.topics.values()), place.choice)
+        refuse_interrupted(runs, log)
         cameras = [
             _with_images(from_run(name, runs[topic], place.target, source), place.recording)
             for name, topic in place.topics.items()
@@ -124,6 +154,7 @@ def camera_sources(arguments: argparse.Namespace) -> Iterator[tuple[list[CameraS
 
         def look_again(guides):
             refined = place.collector.refine(guides)
+            refuse_interrupted(refined, log)
             return {
                 name: _with_images(from_run(name, refined[topic], place.target, source), place.recording)
                 for name, topic in place.topics.items()

@@ -48,7 +48,7 @@ def calibration_json(camera: CameraSource, result: CalibrationResult, seconds: d
     }
 
 
-def calibration_text(camera: CameraSource, result: CalibrationResult, path: Path | None) -> str:
+def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
     """One camera's result for a person."""
     lines = [f"\n{camera.name}: {result.views} views, {result.points} points"]
     lines += [f"  not used: {text}" for text in _not_used(camera, result)]
@@ -63,7 +63,6 @@ def calibration_text(camera: CameraSource, result: CalibrationResult, path: Path
     lines.append(f"  {verdict(result)}")
     lines += [f"  {'!' if one.concern else '·'} {one.name}: {one.sentence}" for one in result.diagnosis.findings]
     lines.append(f"  a single-viewpoint consumer of CameraInfo loses {_losses(result)}")
-    lines.append("  not saved: this model is no camera" if path is None else f"  wrote {path}")
     return "\n".join(lines)
 
 

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from mcap.writer import CompressionType, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from fisheye_ep_calib.errors import CalibrationError, InputError
 
@@ -55,6 +53,8 @@ def write_bag(path: str | os.PathLike, images: Iterable[StampedImage]) -> int:
         with open(partial, "wb") as file:
             count = _write(file, images)
         os.replace(partial, path)
+    except ModuleNotFoundError as error:
+        raise InputError(f"writing bags needs the Python package {error.name}: pip install {error.name}") from None
     except OSError as error:
         raise CalibrationError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
@@ -63,6 +63,9 @@ def write_bag(path: str | os.PathLike, images: Iterable[StampedImage]) -> int:
 
 
 def _write(file, images: Iterable[StampedImage]) -> int:
+    from mcap.writer import CompressionType, Writer
+    from rosbags.typesys import Stores, get_typestore
+
     store = get_typestore(Stores.ROS2_JAZZY)
     writer = Writer(file, chunk_size=8 << 20, compression=CompressionType.NONE)
     writer.start(profile="ros2", library="fisheye_ep_calib")

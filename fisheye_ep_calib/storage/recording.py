@@ -109,6 +109,14 @@ class Recording:
         """When each image of a topic was recorded, nanoseconds; 0, 1, 2 … for image files."""
         return [entry.stamp_ns for _, entry in self._frames.get(topic, ())]
 
+    def identities(self, topic: str) -> list[str]:
+        """What tells each image of a topic from others, unread: its time, or an image file's path."""
+        return [source.identity(entry) for source, entry in self._frames.get(topic, ())]
+
+    def files(self) -> list[Path]:
+        """The files and folders that the images are read from, absolute."""
+        return [source.path.absolute() for source in self._sources]
+
     def frame(self, topic: str, index: int) -> Frame:
         """The image of that number, counted from 0 in the order of time."""
         source, entry = self._frames[topic][index]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from command_line import Ended
 from known_scenes import seen_board
+from small_recording import write_small_recording
 
 from fisheye_ep_calib.cli import main
 from fisheye_ep_calib.storage.observation_file import save_observations
@@ -58,3 +59,9 @@ def camera_file(observation_file, tmp_path_factory) -> Path:
     ]
     assert main(words) == 0
     return folder / "front.yaml"
+
+
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory) -> Path:
+    """Folder with a bag of two small cameras that see one board each, the board's file beside it."""
+    return write_small_recording(tmp_path_factory.mktemp("recording"))

@@ -83,6 +83,10 @@ class Source:
         """What to call the image: its time, as ROS prints it."""
         return f"{entry.stamp_ns // 10**9}.{entry.stamp_ns % 10**9:09d}"
 
+    def identity(self, entry: Entry) -> str:
+        """Tells the image from any other, wherever its recording is moved to, as far as it can be told unread."""
+        return str(entry.stamp_ns)
+
     def close(self) -> None:
         """Close the file; it is opened again when needed."""
         forget(self)
@@ -91,7 +95,7 @@ class Source:
             file.close()
 
     def __getstate__(self) -> dict:
-        return {**self.__dict__, "_file": None}
+        return {**self.__dict__, "_file": None, "path": self.path.absolute()}  # a worker may stand elsewhere
 
 
 class BagSource(Source):

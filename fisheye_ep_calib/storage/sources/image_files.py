@@ -30,6 +30,12 @@ class ImageFiles(Source):
     def name(self, entry: Entry) -> str:
         return self.files[entry.location[0]].name
 
+    def identity(self, entry: Entry) -> str:
+        return str(self.files[entry.location[0]].absolute())  # files carry no time
+
+    def __getstate__(self) -> dict:
+        return {**super().__getstate__(), "files": [file.absolute() for file in self.files]}
+
     def image(self, topic: str, entry: Entry) -> np.ndarray:
         return decode_file_content(self._content(entry))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Protocol
 
 MAX_OPEN = 8
@@ -11,18 +12,25 @@ class Closeable(Protocol):
     def close(self) -> None: ...
 
 
-_in_use: list[Closeable] = []  # the latest last
+class _InUse(threading.local):
+    """Every thread has its own files, and closes no other's."""
+
+    def __init__(self) -> None:
+        self.sources: list[Closeable] = []  # the latest last
+
+
+_in_use = _InUse()
 
 
 def note_use(source: Closeable) -> None:
     """Remember that ``source`` has a file open; closes the one that has gone unused the longest."""
     forget(source)
-    _in_use.append(source)
-    while len(_in_use) > MAX_OPEN:
-        _in_use.pop(0).close()
+    _in_use.sources.append(source)
+    while len(_in_use.sources) > MAX_OPEN:
+        _in_use.sources.pop(0).close()
 
 
 def forget(source: Closeable) -> None:
     """The source has closed its file."""
-    if source in _in_use:
-        _in_use.remove(source)
+    if source in _in_use.sources:
+        _in_use.sources.remove(source)

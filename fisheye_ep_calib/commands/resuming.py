@@ -1,0 +1,64 @@
+"""What was found in images outlives a run that was interrupted or failed, and ``--resume`` goes on from there."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from fisheye_ep_calib.collection import Collector, DetectionRun
+from fisheye_ep_calib.errors import CalibrationError, Interrupted
+from fisheye_ep_calib.storage.results_folder import beside
+
+
+@dataclass(frozen=True)
+class Log:
+    """The file with what was found so far; resume: go on from what an earlier run left there."""
+
+    path: Path
+    resume: bool
+
+
+def add_resume_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--resume", action="store_true", help="go on from what an interrupted or failed run to the same DIR has found"
+    )
+
+
+def log_of(output: Path, resume: bool) -> Log:
+    """The log of the run that writes its results to the folder ``output``."""
+    return Log(beside(output, "detections.jsonl"), resume)
+
+
+def refuse_interrupted(runs: Mapping[str, DetectionRun], log: Log | None) -> None:
+    """End an interrupted run whose findings are kept; one without a log makes do with what it has."""
+    if log is not None and any(run.interrupted for run in runs.values()):
+        raise Interrupted("interrupted")
+
+
+@contextmanager
+def keeping_what_was_found(collector: Collector) -> Iterator[None]:
+    """Forget the log once results are written or nothing was found; keep it where they are not, and say so."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise Interrupted(f"interrupted{_kept(collector)}") from None
+    except CalibrationError as error:
+        if not isinstance(error, Interrupted) and collector.log is not None and not collector.log.holds_views:
+            collector.forget()
+        said = type(error)(f"{error}{_kept(collector)}")
+        said.exit_code = error.exit_code
+        raise said from None
+    collector.forget()
+
+
+def _kept(collector: Collector) -> str:
+    log = collector.log
+    if log is None or not log.path.exists():
+        return ""
+    if log.images == 0:
+        collector.forget()
+        return ""
+    return f"; what {log.images} images showed is kept in {log.path}: the same command with --resume goes on from there"

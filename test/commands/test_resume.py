@@ -1,0 +1,170 @@
+"""What was found outlives interruptions and failures, and results appear whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dask_processes import scheduler, workers
+
+from fisheye_ep_calib.collection import workers as looking
+from fisheye_ep_calib.commands import calibrate as calibrate_command
+from fisheye_ep_calib.storage.observation_file import load_observations
+
+TOPICS = ("--topic", "front=/left/image_raw", "--topic", "rear=/right/image_raw")
+OPTIONS = ("--model", "kannala", "--workers", 1, "--passes", 1, "--no-report")
+
+
+@pytest.fixture
+def looked(monkeypatch) -> list:
+    """Grows by one for every image that is looked at. ``looked.stop`` raises when that many have been."""
+
+    class Looked(list):
+        stop = None
+
+    count = Looked()
+    look = looking.look
+
+    def counted(recording, detector, job):
+        if count.stop is not None and len(count) == count.stop:
+            raise KeyboardInterrupt
+        count.append(job)
+        return look(recording, detector, job)
+
+    monkeypatch.setattr(looking, "look", counted)
+    return count
+
+
+@pytest.fixture
+def words(recording):
+    return ("calibrate", recording / "rig.mcap", "--target", recording / "board.yaml", *TOPICS, *OPTIONS)
+
+
+def names(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+WHOLE = {"front.yaml", "rear.yaml", "observations/front.npz", "observations/rear.npz", "calibration.json"}
+
+
+def test_an_interrupted_calibration_goes_on_where_it_stopped(command, words, looked, tmp_path):
+    assert command(*words, "--output", "whole").code == 0
+    looked.clear()
+    looked.stop = 15
+    ended = command(*words, "--output", "out")
+    assert ended.code == 130 and ended.out == "" and "Traceback" not in ended.err
+    last = ended.err.splitlines()[-1]
+    assert "what 15 images showed is kept in" in last and "--resume goes on from there" in last
+    assert not (tmp_path / "out").exists() and (tmp_path / ".out.detections.jsonl").exists()
+
+    looked.clear()
+    looked.stop = None
+    assert command(*words, "--output", "out", "--resume").code == 0
+    assert len(looked) == 24 - 15
+    assert names(tmp_path / "out") == WHOLE and not list(tmp_path.glob(".*"))
+    for camera in ("front", "rear"):
+        one, other = (tmp_path / folder / "observations" / f"{camera}.npz" for folder in ("whole", "out"))
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_an_interruption_before_anything_was_seen_leaves_nothing(command, words, looked, tmp_path):
+    looked.stop = 0
+    command(*words).refused(130, "interrupted")
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_to_resume_is_said(command, words, looked, tmp_path):
+    ended = command(*words, "--resume")
+    assert ended.code == 0 and "nothing to resume" in ended.err and len(looked) == 24
+
+
+def test_what_was_found_outlives_a_calibration_that_fails(command, words, looked, tmp_path):
+    few = ("--every", 6)  # two views a camera
+    ended = command(*words, *few, "--output", "new/folder")
+    assert ended.code == 1 and "--resume" in ended.err.splitlines()[-1] and not (tmp_path / "new").exists()
+    looked.clear()
+    assert command(*words, "--every", 1, "--output", "new/folder", "--resume").code == 0
+    assert len(looked) == 20 and names(tmp_path / "new" / "folder") == WHOLE
+    assert {path.name for path in tmp_path.iterdir()} == {"new"}
+
+
+def test_a_camera_that_fails_beside_others_keeps_its_observations(command, words, monkeypatch, tmp_path):
+    calibrate = calibrate_command.calibrate
+    assert command(*words, "--output", "whole").code == 0
+    pixels = load_observations(tmp_path / "whole" / "observations" / "rear.npz").pixels
+    seen = iter([True, False])
+    monkeypatch.setattr(
+        calibrate_command,
+        "calibrate",
+        lambda observations, *given, **options: calibrate(
+            observations if next(seen) else observations.select_images([0, 1]), *given, **options
+        ),
+    )
+    ended = command(*words, "--output", "out", "--json")
+    assert ended.code == 1 and ended.json["cameras"].keys() == {"front"}
+    assert "rear: error: 2 views have" in ended.err and "what was found is in out/observations/rear.npz" in ended.err
+    np.testing.assert_array_equal(load_observations(tmp_path / "out" / "observations" / "rear.npz").pixels, pixels)
+    assert names(tmp_path / "out") == WHOLE - {"rear.yaml"} and not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize("name", ["front.yaml", "calibration.json"])
+def test_a_folder_that_is_taken_is_refused_before_images_are_looked_at(command, words, looked, tmp_path, name):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text("mine")
+    command(*words, "--output", "out").refused(2, f"out/{name} is there already", "--overwrite")
+    assert not looked and names(tmp_path) == {f"out/{name}"} and (tmp_path / "out" / name).read_text() == "mine"
+
+
+@pytest.mark.parametrize("folder_there", [False, True])
+def test_a_crash_leaves_no_half_written_folder(command, words, looked, monkeypatch, tmp_path, folder_there):
+    if folder_there:
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "notes.txt").write_text("mine")
+    save_camera = calibrate_command.save_camera
+
+    def crash(path, *given):
+        if path.name == "rear.yaml":
+            raise RuntimeError("a defect")
+        save_camera(path, *given)
+
+    monkeypatch.setattr(calibrate_command, "save_camera", crash)
+    with pytest.raises(RuntimeError):
+        command(*words, "--output", "out")
+    log = "out/.detections.jsonl" if folder_there else ".out.detections.jsonl"
+    assert names(tmp_path) == {log} | ({"out/notes.txt"} if folder_there else set())
+    monkeypatch.setattr(calibrate_command, "save_camera", save_camera)
+    looked.clear()
+    assert command(*words, "--output", "out", "--resume").code == 0
+    assert not looked and names(tmp_path / "out") >= WHOLE
+
+
+def test_detect_resumes_too(command, recording, looked, tmp_path):
+    words = ("detect", recording / "rig.mcap", "--target", recording / "board.yaml", *TOPICS, "--workers", 1)
+    assert command(*words, "--output", "whole").code == 0
+    looked.clear()
+    looked.stop = 15
+    ended = command(*words, "--output", "out")
+    assert ended.code == 130 and "--resume" in ended.err and not (tmp_path / "out").exists()
+    looked.clear()
+    looked.stop = None
+    assert command(*words, "--output", "out", "--resume", "--overlay").code == 0 and len(looked) == 9
+    assert (tmp_path / "whole" / "front.npz").read_bytes() == (tmp_path / "out" / "front.npz").read_bytes()
+    assert len(list((tmp_path / "out" / "rear_overlay").glob("*.png"))) == 12
+    command(*words, "--output", "out").refused(2, "front.npz is there already")
+
+
+def test_a_cluster_gives_the_same_files(command, words, tmp_path):
+    pytest.importorskip("distributed")
+    both = (*words, "--passes", 2, "--output")
+    assert command(*both, "here").code == 0
+    with scheduler(tmp_path) as address, workers(address, 2):
+        ended = command(*both, "there", "--scheduler", address)
+    assert ended.code == 0, ended.err
+    for name in ("front", "rear"):
+        one, other = (tmp_path / folder / "observations" / f"{name}.npz" for folder in ("here", "there"))
+        assert one.read_bytes() == other.read_bytes()
+    options = json.loads((tmp_path / "there" / "calibration.json").read_text())["options"]
+    assert options["scheduler"] == address
+    command(*words, "--scheduler", "nonsense").refused(2, "no Dask scheduler answers at nonsense", "--scheduler")
