@@ -1,4 +1,4 @@
-"""The launch file, read with stand-ins for ROS's launch packages, which are not on PyPI."""
+"""The launch files, read with stand-ins for ROS's launch packages, which are not on PyPI, and by these if there."""
 
 from __future__ import annotations
 
@@ -21,14 +21,28 @@ class Recorded:
         self.arguments, self.options = arguments, options
 
 
+COMMON = {"parameters", "namespace", "name", "use_sim_time", "log_level"}
+NODES = {"calibrator": COMMON, "rectifier": COMMON | {"camera_file", "topic", "distance"}}
+
+
+@pytest.fixture(params=NODES)
+def executable(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+def launch_file(executable: str) -> str:
+    return str(REPOSITORY / "launch" / f"{executable}.launch.py")
+
+
 @pytest.fixture
-def description(monkeypatch: pytest.MonkeyPatch) -> Recorded:
+def description(executable: str, monkeypatch: pytest.MonkeyPatch) -> Recorded:
     names = {
         "launch": ["LaunchDescription"],
         "launch.actions": ["DeclareLaunchArgument"],
         "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
         "launch_ros": [],
         "launch_ros.actions": ["Node"],
+        "launch_ros.parameter_descriptions": ["ParameterValue"],
         "launch_ros.substitutions": ["FindPackageShare"],
     }
     for name, members in names.items():
@@ -36,23 +50,33 @@ def description(monkeypatch: pytest.MonkeyPatch) -> Recorded:
         for member in members:
             setattr(module, member, type(member, (Recorded,), {}))
         monkeypatch.setitem(sys.modules, name, module)
-    return runpy.run_path(str(REPOSITORY / "launch/calibrator.launch.py"))["generate_launch_description"]()
+    return runpy.run_path(launch_file(executable))["generate_launch_description"]()
 
 
-def test_the_node_gets_every_declared_argument(description: Recorded) -> None:
+def test_the_node_gets_every_declared_argument(executable: str, description: Recorded) -> None:
     *arguments, node = description.arguments[0]
     declared = {argument.arguments[0] for argument in arguments}
-    assert declared == {"parameters", "namespace", "name", "use_sim_time", "log_level"}
+    assert declared == NODES[executable]
     assert all(argument.options["description"] for argument in arguments)
-    assert (node.options["package"], node.options["executable"]) == ("fisheye_ep_calib", "calibrator")
+    assert (node.options["package"], node.options["executable"]) == ("fisheye_ep_calib", executable)
 
     def used(value: Any) -> set[str]:
         if isinstance(value, Recorded):
-            return set(value.arguments) if type(value).__name__ == "LaunchConfiguration" else set()
+            if type(value).__name__ == "LaunchConfiguration":
+                return set(value.arguments)
+            return used(list(value.arguments))
         values = value.values() if isinstance(value, dict) else value if isinstance(value, list) else []
         return set().union(*(used(part) for part in values)) if values else set()
 
     assert used(node.options) == declared
+
+
+def test_ros_reads_it_too(executable: str) -> None:
+    pytest.importorskip("launch_ros.actions", reason="ROS's launch_ros is not installed")
+    from launch.launch_description_sources import get_launch_description_from_python_launch_file
+
+    description = get_launch_description_from_python_launch_file(launch_file(executable))
+    assert {argument.name for argument in description.get_launch_arguments()} == NODES[executable]
 
 
 def test_the_default_parameters_name_targets_that_are_there() -> None:

@@ -1,4 +1,4 @@
-"""The parameter file that comes with the package and the table that the node declares say the same."""
+"""The parameter files that come with the package and the tables that the nodes declare say the same."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import yaml
 
 from fisheye_ep_calib.live.settings import Tuning
 from fisheye_ep_calib.ros.calibrator_parameters import CAMERA, NODE
+from fisheye_ep_calib.ros.rectifier_parameters import ENTRIES
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -31,8 +32,14 @@ def test_the_parameter_file_names_known_parameters_and_keeps_their_defaults() ->
     assert all(set(content[camera]) <= known for camera in cameras)
 
 
+def test_the_rectifiers_parameter_file_too() -> None:
+    content = yaml.safe_load((REPOSITORY / "config/rectifier.yaml").read_text())["/**"]["ros__parameters"]
+    defaults = {entry.name: entry.default for entry in ENTRIES}
+    assert content == {name: defaults[name] for name in content}
+
+
 def test_every_parameter_has_a_description_and_a_default_in_its_range() -> None:
-    for entry in NODE + CAMERA:
+    for entry in NODE + CAMERA + ENTRIES:
         assert entry.description.endswith(".") and not entry.complaint(entry.default), entry.name
         if entry.low is not None:
             assert entry.low <= entry.default <= entry.high
