@@ -14,6 +14,7 @@ from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.calibrator import LiveCalibrator
 from fisheye_ep_calib.live.settings import CameraSettings, Settings, Tuning
 from fisheye_ep_calib.live.status import Level, Reception
+from fisheye_ep_calib.live.work_pool import Task
 from fisheye_ep_calib.simulation import paper_camera, paper_poses, paper_target
 from fisheye_ep_calib.simulation.rendering import render
 from fisheye_ep_calib.storage.camera_file import load_camera
@@ -139,5 +140,34 @@ def test_a_full_disk_is_told_once_and_retried(tmp_path: Path, images) -> None:
         live.retry_writing()
         assert session.observation_file.exists() and not session.unwritten
         assert said[-1] == "front: everything is written now"
+    finally:
+        live.stop()
+
+
+def test_a_reset_leaves_no_calibration_and_no_frame_behind(tmp_path: Path, images) -> None:
+    listener, said = Listener(), []
+    live = LiveCalibrator(
+        settings(tmp_path, "front"), Tuning(auto_calibrate=False), Announcer(said.append, said.append), listener
+    )
+    session = live.sessions["front"]
+    try:
+        for number, image in enumerate(images[:5]):
+            live.offer("front", message(image), str(number))
+            wait_for(lambda number=number: len(session.views) == number + 1)
+        answers: list = []
+        asked = threading.Thread(target=lambda: answers.append(live.calibrate()))
+        live._pool.queue_job(Task(time.sleep, lambda: (1.0,), lambda result, error: None))
+        asked.start()
+        live.offer("front", message(images[5]), "5")
+        answer = live.reset()
+        assert answer.success and "5 views set aside" in answer.text
+        asked.join(PATIENCE)
+        assert not answers[0].success and "reset meanwhile" in answers[0].text
+        wait_for(lambda: len(listener.pictures) >= 6)
+        assert session.views == () and session.outcome is None
+        assert listener.outcomes == [("front", None)] and not session.camera_file.exists()
+        assert not any("not calibrated" in text for text in said)
+        live.offer("front", message(images[6]), "6")
+        wait_for(lambda: [view.name for view in session.views] == ["6"])
     finally:
         live.stop()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,40 @@ def test_a_driver_with_camera_info_of_its_own_is_not_contradicted_but_committed_
     assert answer.success and "stored" in answer.message
     assert given[0].k[0] == 20.0 and given[0].distortion_model == "equidistant"
     assert driver.get_subscription_count() == 0
+
+
+def test_a_driver_that_starts_later(start_calibrator, probe, camera_file) -> None:
+    """Its service is found once it is there, and its CameraInfo is made way for."""
+    calibrator = start_calibrator(cameras="[front]", front__camera_file=camera_file)
+    images = probe.node.create_publisher(Image, "/front/image_raw", BEST_EFFORT)
+    wait_for(images.get_subscription_count, "the node's subscription")
+    infos = probe.collect(CameraInfo, "/front/camera_info", LATCHED)
+
+    def published(infos: list) -> Any:
+        images.publish(small_image())
+        return infos
+
+    wait_for(lambda: published(infos), "CameraInfo beside the images")
+    began = time.monotonic()
+    answer = probe.call(Trigger, "/calibrator/commit")
+    assert time.monotonic() - began < 10.0
+    assert not answer.success and "nobody serves /front/set_camera_info" in answer.message
+    assert "call ~/commit again" in answer.message
+
+    def refuse(_request: Any, response: Any) -> Any:
+        response.success, response.status_message = False, "read-only"
+        return response
+
+    service = probe.node.create_service(SetCameraInfo, "/front/set_camera_info", refuse)
+    answer = probe.call(Trigger, "/calibrator/commit")
+    assert not answer.success and "refused: read-only" in answer.message
+    probe.node.destroy_service(service)
+
+    driver = probe.node.create_publisher(CameraInfo, "/front/camera_info", 10)
+    own = probe.collect(CameraInfo, "/calibrator/front/camera_info", LATCHED)
+    wait_for(lambda: published(own), "CameraInfo on the node's own topic")
+    assert probe.node.count_publishers("/front/camera_info") == 1 and driver
+    assert calibrator.interrupt()[0] == 0 and calibrator.output.count("has a publisher already") == 1
 
 
 def test_compressed_images_overlay_and_diagnostics(
