@@ -16,6 +16,10 @@ from fisheye_ep_calib.calibration.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 
+# glibc gives large blocks back to the system as they are freed, so that every evaluation would fault its pages in anew:
+# half of the time. "Large" is what exceeds the largest block freed so far; this one is never touched.
+np.empty(2**24, dtype=np.uint8)
+
 
 @dataclass(frozen=True)
 class AdjustmentState:

@@ -41,9 +41,9 @@ def initial_guess(
     focal_lengths = largest / _THETA_GRID
     pixels, points, used = _sample(blocks)
     copies = len(focal_lengths)
-    trial_rays = [equidistant_rays(pixels, centre, focal) for focal in focal_lengths]
+    trial_rays = equidistant_rays(pixels[:, None], centre, focal_lengths[:, None, None])
     _, error = _poses_and_errors(
-        np.concatenate(trial_rays, axis=1),
+        trial_rays.reshape(3, -1, pixels.shape[-1]),
         np.tile(pixels, (1, copies, 1)),
         np.tile(points, (1, copies, 1)),
         np.tile(used, (copies, 1)),
@@ -82,10 +82,10 @@ def _radius(block: ViewBlock, centre: np.ndarray) -> np.ndarray:
     return np.hypot(block.pixels[0] - centre[0], block.pixels[1] - centre[1])
 
 
-def equidistant_rays(pixels: np.ndarray, centre: np.ndarray, focal: float) -> np.ndarray:
+def equidistant_rays(pixels: np.ndarray, centre: np.ndarray, focal: float | np.ndarray) -> np.ndarray:
     """Unit rays (3, ...) of pixels (2, ...) for r = focal · θ; θ is held below π."""
     x, y = pixels[0] - centre[0], pixels[1] - centre[1]
-    radius = np.hypot(x, y)
+    radius = np.sqrt(x * x + y * y)
     theta = np.minimum(radius / focal, 3.1)
     scale = np.sin(theta) / np.where(radius > 0, radius, 1.0)
     return np.stack([x * scale, y * scale, np.cos(theta)])
