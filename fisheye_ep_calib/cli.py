@@ -16,6 +16,7 @@ from fisheye_ep_calib.errors import CalibrationError
 PROGRAM = "fisheye_ep_calib"
 COMMANDS = {
     "calibrate": "calibrate cameras from bags, image folders or observation files",
+    "calibrate-fleet": "calibrate many devices, a recording each, and find the odd ones out",
     "evaluate": "measure a camera file on other images, the camera frozen",
     "detect": "find the target in images and show what was found",
     "compare": "how two camera files differ in pixels, against their uncertainties",
@@ -43,7 +44,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(PROGRAM, description=DESCRIPTION)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
-        module = importlib.import_module(f"fisheye_ep_calib.commands.{name}")
+        module = importlib.import_module(f"fisheye_ep_calib.commands.{name.replace('-', '_')}")
         command = commands.add_parser(
             name,
             help=summary,

@@ -71,14 +71,7 @@ class ClusterWorkers:
             client.close(timeout=CHECK_SECONDS)
 
     def _connect(self) -> None:
-        client_of = _client_class()
-        try:
-            self._client = client_of(self._scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            raise InputError(
-                f"no Dask scheduler answers at {self._scheduler} ({_first_line(error)}); "
-                "start one with 'dask scheduler', or leave out --scheduler"
-            ) from None
+        self._client = _client_of(self._scheduler)
         try:
             self._check_workers()
         except BaseException:
@@ -168,7 +161,12 @@ class ClusterWorkers:
             return {}
 
 
-def _client_class():
+def check_scheduler(address: str) -> None:
+    """Raises InputError where no scheduler answers."""
+    _client_of(address).close(timeout=CHECK_SECONDS)
+
+
+def _client_of(address: str) -> Any:
     try:
         from distributed import Client
     except ModuleNotFoundError as error:
@@ -176,7 +174,13 @@ def _client_class():
     # Its own words on workers that come and go are not for the user of a command.
     for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.core", "distributed.utils"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    return Client
+    try:
+        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(
+            f"no Dask scheduler answers at {address} ({_first_line(error)}); "
+            "start one with 'dask scheduler', or leave out --scheduler"
+        ) from None
 
 
 def _has_killed_its_workers(error: BaseException | None) -> bool:

@@ -36,13 +36,6 @@ DEFAULT_OUTPUT = "calibration"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_source_arguments(parser, many=True)
     parser.add_argument(
-        "--model",
-        default="auto",
-        choices=["auto", *PUPIL_FAMILIES, "ep_odd_target_axis"],
-        help="auto fits all and takes what the data support (default); kannala has a single viewpoint; "
-        "ep_odd_target_axis, the paper's equation as printed, is no camera",
-    )
-    parser.add_argument(
         "--output",
         type=Path,
         metavar="DIR",
@@ -50,8 +43,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--overwrite", action="store_true", help="replace earlier results in DIR")
     add_resume_argument(parser)
-    parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    add_fit_arguments(parser)
+
+
+def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
+    """What is made of the points found, and how."""
+    parser.add_argument(
+        "--model",
+        default="auto",
+        choices=["auto", *PUPIL_FAMILIES, "ep_odd_target_axis"],
+        help="auto fits all and takes what the data support (default); kannala has a single viewpoint; "
+        "ep_odd_target_axis, the paper's equation as printed, is no camera",
+    )
+    parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument(
         "--passes", type=int, choices=(1, 2), default=2, help="2 looks again where the first fit expects the target"
     )

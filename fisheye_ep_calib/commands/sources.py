@@ -66,6 +66,12 @@ def add_source_arguments(parser: argparse.ArgumentParser, many: bool) -> None:
     """The arguments that ``camera_sources`` reads."""
     kinds = "a bag (rosbag2 folder, .mcap, .db3, ROS 1 .bag), a folder of images, or an observation file .npz"
     parser.add_argument("source", nargs="+" if many else 1, metavar="SOURCE", help=kinds)
+    parser.add_argument("--split", help="of an observation file, only the images with this mark, such as train")
+    add_looking_arguments(parser)
+
+
+def add_looking_arguments(parser: argparse.ArgumentParser) -> None:
+    """What to look for, and in which images."""
     parser.add_argument("--target", type=Path, metavar="TARGET.yaml", help="the target; an .npz needs none")
     parser.add_argument(
         "--topic",
@@ -74,7 +80,6 @@ def add_source_arguments(parser: argparse.ArgumentParser, many: bool) -> None:
         metavar="NAME=TOPIC",
         help="image topic of camera NAME; repeat for several cameras",
     )
-    parser.add_argument("--split", help="of an observation file, only the images with this mark, such as train")
     looking = parser.add_argument_group("which images to look at")
     looking.add_argument("--max-views", type=int, default=150, metavar="N", help="at most N a camera (default: 150)")
     looking.add_argument("--every", type=int, metavar="N", help="every N-th image, whatever it shows")

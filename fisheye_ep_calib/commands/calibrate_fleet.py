@@ -1,0 +1,167 @@
+"""fisheye_ep_calib calibrate-fleet: the cameras of many devices, each from its own recording, in one table."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from fisheye_ep_calib.commands.calibrate import add_fit_arguments
+from fisheye_ep_calib.commands.fleet_devices import Device, find_devices
+from fisheye_ep_calib.commands.fleet_jobs import DeviceJob, Ended, run_jobs
+from fisheye_ep_calib.commands.fleet_table import Row, as_csv, as_text, device_rows, failed_row, mark_odd
+from fisheye_ep_calib.commands.json_text import json_text
+from fisheye_ep_calib.commands.reporting import RECORD
+from fisheye_ep_calib.commands.sources import add_looking_arguments
+from fisheye_ep_calib.cores import usable_cores
+from fisheye_ep_calib.errors import InputError, Interrupted
+from fisheye_ep_calib.storage.atomic import atomic_write
+from fisheye_ep_calib.target import load_target
+
+DESCRIPTION = """\
+Calibrate many devices of one kind, each from its own recording, with one target.
+
+DIR_OR_LIST is a folder with a sub-folder, bag or observation file for each device, or a text file with a path a line
+(relative to that file; # begins a comment). Each device is calibrated as 'calibrate' does it, in a process of its own,
+and gets the folder OUTPUT/DEVICE with the same files; what 'calibrate' says is in OUTPUT/logs/DEVICE.txt. Devices that
+are finished are skipped, so that the same command goes on after an interruption, and takes new devices only. One that
+fails does not stop the others: its reason is in the table.
+
+OUTPUT/fleet.csv, also printed, has a row a camera: fx, fy, cx, cy, skew, k1..k4, r and E at 30, 60 and 80 degrees, each
+with its standard deviation, RMS, views and so on. A camera is called odd where it differs from the same camera of the
+other devices in fx, fy, cx, cy, r, E or the RMS: |value - median| beyond 3.5 times (in a large fleet; more with few
+devices: 10.5 with 5, 5.3 with 10, 4.2 with 20) the root of the fleet's spread squared (1.4826 x median absolute
+deviation) plus the camera's own standard deviation squared. Fewer than 4 devices are not compared."""
+EPILOG = """examples:
+  fisheye_ep_calib calibrate-fleet recordings/ --target board.yaml --output fleet
+  fisheye_ep_calib calibrate-fleet monday.txt --target board.yaml --output fleet --topic front=/front/image_raw --jobs 2
+  fisheye_ep_calib calibrate-fleet recordings/ --target board.yaml --output fleet --scheduler tcp://10.0.0.5:8786
+
+exit code: 0 where every device is calibrated, 1 where some are not, 2 wrong usage, 130 interrupted
+"""
+TABLE = "fleet.csv"
+# What may differ between runs without making other results.
+_NO_MATTER = {"devices", "output", "overwrite", "resume", "json", "jobs", "workers", "scheduler", "no_report", "target"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("devices", type=Path, metavar="DIR_OR_LIST", help="the devices' recordings")
+    parser.add_argument("--output", type=Path, required=True, metavar="DIR", help="folder for the results")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="devices at once, which share the cores (1)")
+    parser.add_argument("--overwrite", action="store_true", help="calibrate finished devices too, and replace them")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on from what interrupted or failed devices have found in their images"
+    )
+    parser.add_argument("--json", action="store_true", help="print the table as one JSON object on stdout")
+    add_looking_arguments(parser)
+    add_fit_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    _refuse_what_cannot_work(arguments)
+    output = arguments.output
+    devices = find_devices(arguments.devices, output)
+    if arguments.target is None and any(path.suffix != ".npz" for device in devices for path in device.sources):
+        raise InputError("images need --target TARGET.yaml, which says what to look for")
+    finished = {device.name for device in devices if (output / device.name / RECORD).exists()}
+    if arguments.overwrite:
+        finished = set()
+    jobs = [_job(device, arguments) for device in devices if device.name not in finished]
+    _say_other_options(finished, arguments)
+    print(f"{len(devices)} devices, {len(finished)} of them finished before", file=sys.stderr)
+    if jobs:
+        (output / "logs").mkdir(parents=True, exist_ok=True)
+    progress = _Progress(len(jobs))
+    interrupted = run_jobs(jobs, arguments.jobs, progress.ended)
+    rows = _rows(devices, progress.failed, output)
+    if output.exists():
+        atomic_write(output / TABLE, as_csv(rows).encode("utf-8", "backslashreplace"))
+    if interrupted:
+        raise Interrupted("interrupted; the same command goes on with what is left, and with --resume where it was")
+    print(json_text({"devices": rows}) if arguments.json else as_text(rows))
+    print(f"wrote {output / TABLE}", file=sys.stderr)
+    return 1 if any(row["status"] != "done" for row in rows) else 0
+
+
+def _refuse_what_cannot_work(arguments: argparse.Namespace) -> None:
+    """Once, before every device fails by itself."""
+    if arguments.jobs < 1:
+        raise InputError(f"--jobs must be at least 1, not {arguments.jobs}")
+    if not arguments.devices.exists():
+        raise InputError(f"{arguments.devices} does not exist")
+    if arguments.output.exists() and not arguments.output.is_dir():
+        raise InputError(f"--output {arguments.output} is not a folder")
+    if arguments.target is not None:
+        load_target(arguments.target)
+    if arguments.scheduler is not None:
+        from fisheye_ep_calib.collection.cluster import check_scheduler
+
+        check_scheduler(arguments.scheduler)
+
+
+def _job(device: Device, arguments: argparse.Namespace) -> DeviceJob:
+    workers = arguments.workers
+    own = argparse.Namespace(**vars(arguments))
+    own.source = list(map(str, device.sources))
+    own.output = arguments.output / device.name
+    own.workers = max(1, usable_cores() // arguments.jobs) if workers is None else workers
+    own.split, own.json = None, False
+    del own.devices, own.jobs, own.run, own.command
+    return DeviceJob(device.name, own, arguments.output / "logs" / f"{device.name}.txt")
+
+
+class _Progress:
+    """A line on stderr for each device that has ended."""
+
+    def __init__(self, total: int) -> None:
+        self.failed: dict[str, str] = {}
+        self._total = total
+        self._done = 0
+        self._began = time.monotonic()
+
+    def ended(self, job: DeviceJob, end: Ended) -> None:
+        self._done += 1
+        if end.code:
+            self.failed[job.name] = end.reason
+        said = f"failed: {end.reason}" if end.code else "done"
+        left = (time.monotonic() - self._began) / self._done * (self._total - self._done)
+        ahead = f", about {left / 60:.0f} min left" if left >= 60 else ""
+        print(f"{self._done}/{self._total} {job.name}: {said} ({end.seconds:.0f} s{ahead})", file=sys.stderr)
+
+
+def _rows(devices: list[Device], failed: dict[str, str], output: Path) -> list[Row]:
+    """The table: a row a camera, or one for a device that has none."""
+    rows: list[Row] = []
+    for device in devices:
+        folder = output / device.name
+        if not (folder / RECORD).exists():
+            rows.append(failed_row(device.name, failed.get(device.name, "not calibrated yet")))
+            continue
+        try:
+            rows += device_rows(device.name, folder)
+        except InputError as error:
+            rows.append(failed_row(device.name, str(error)))
+        if device.name in failed and rows[-1]["status"] == "done":
+            rows.append(failed_row(device.name, failed[device.name]))
+    mark_odd(rows)
+    return rows
+
+
+def _say_other_options(finished: set[str], arguments: argparse.Namespace) -> None:
+    """What was finished with other options is compared all the same: say so."""
+    options = {name: value for name, value in vars(arguments).items() if name not in (*_NO_MATTER, "run", "command")}
+    given = json.loads(json_text(options))
+    for name in sorted(finished):
+        try:
+            made = json.loads((arguments.output / name / RECORD).read_text("utf-8"))["options"]
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+        other = [key for key, value in made.items() if key in given and given[key] != value]
+        if other:
+            print(
+                f"warning: {name} was calibrated before with another --{other[0].replace('_', '-')}; "
+                "--overwrite calibrates it again",
+                file=sys.stderr,
+            )

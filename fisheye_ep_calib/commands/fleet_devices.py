@@ -1,0 +1,90 @@
+"""Which devices a fleet has: sub-folders, bags and observation files of a folder, or the paths in a list."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fisheye_ep_calib.commands.sources import safe_name
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.sources.image_files import is_image_file, natural_order
+
+MAX_LIST_BYTES = 2**24
+BAG_SUFFIXES = (".mcap", ".db3", ".bag", ".zstd")
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device's name, and its recording or observation files."""
+
+    name: str
+    sources: tuple[Path, ...]
+
+
+def find_devices(place: Path, output: Path) -> list[Device]:
+    """The devices that a folder holds or a text file lists; ``output`` is none of them. Raises InputError."""
+    if place.is_dir():
+        paths = [path for path in _entries(place) if path.absolute() != output.absolute()]
+        if (place / "metadata.yaml").exists() or (not paths and any(map(is_image_file, place.iterdir()))):
+            raise InputError(f"{place} is one recording, which 'calibrate' takes; a fleet is a folder of such folders")
+        if not paths:
+            raise InputError(f"{place} holds no device: no sub-folder, bag or observation file (.npz)")
+    else:
+        paths = _listed(place)
+    names = _names(paths)
+    return [Device(name, tuple(_sources(path))) for name, path in zip(names, paths, strict=True)]
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        contents = sorted(folder.iterdir(), key=natural_order)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read: {error.strerror or error}") from None
+    visible = [path for path in contents if not path.name.startswith(".")]
+    return [path for path in visible if path.is_dir() or path.suffix in (*BAG_SUFFIXES, ".npz")]
+
+
+def _listed(path: Path) -> list[Path]:
+    """A path a line, relative to the list's folder; empty lines and those that begin with # are passed over."""
+    try:
+        if path.stat().st_size > MAX_LIST_BYTES:
+            raise InputError(f"{path} is too long for a list of paths")
+        lines = path.read_text("utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is no text; give a folder of devices, or a text file with a path a line") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    paths = [path.parent / line.strip() for line in lines if line.strip() and not line.strip().startswith("#")]
+    if not paths:
+        raise InputError(f"{path} lists no device; write a path a line")
+    return paths
+
+
+def _sources(path: Path) -> list[Path]:
+    """What to calibrate from. A folder of observation files, also of an earlier calibration, is these files."""
+    for folder in (path, path / "observations"):
+        if folder.is_dir() and (files := sorted(folder.glob("*.npz"), key=natural_order)):
+            return files
+    return [path]
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Each path's last part, and as many before it as tell it from the others."""
+    parts = [[*path.absolute().parts[1:-1], path.name if path.is_dir() else _stem(path)] for path in paths]
+    depth = [1] * len(parts)
+    while True:
+        names = [safe_name("_".join(part[-count:])) for part, count in zip(parts, depth, strict=True)]
+        taken = Counter(name.lower() for name in names)
+        alike = [number for number, name in enumerate(names) if taken[name.lower()] > 1]
+        if not alike:
+            return names
+        if any(depth[number] >= len(parts[number]) for number in alike):
+            raise InputError(f"{paths[alike[0]]} is listed twice, or too like another path to name their results")
+        for number in alike:
+            depth[number] += 1
+
+
+def _stem(path: Path) -> str:
+    return path.with_suffix("").stem if path.suffix == ".zstd" else path.stem

@@ -1,0 +1,195 @@
+"""calibrate-fleet: each device for itself, all in one table, the odd ones out."""
+
+from __future__ import annotations
+
+import csv
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from known_scenes import CAMERA, seen_board
+
+import fisheye_ep_calib
+from fisheye_ep_calib.commands.fleet_devices import find_devices
+from fisheye_ep_calib.commands.fleet_table import FEWEST, mark_odd, robust_z, threshold
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.observation_file import save_observations
+
+OPTIONS = ("--model", "ep_even", "--no-report", "--no-skew")
+
+
+def table(folder: Path) -> dict[str, dict[str, str]]:
+    with open(folder / "fleet.csv", encoding="utf-8", newline="") as file:
+        return {row["device"]: row for row in csv.DictReader(file)}
+
+
+def device(seed: int, **change):
+    rng = np.random.default_rng(seed)
+    fx = 480 * (1 + 0.002 * rng.normal())
+    camera = replace(CAMERA, skew=0.0, fx=fx, fy=fx + 3, cx=812 + 2 * rng.normal(), cy=590 + 2 * rng.normal())
+    return seen_board(replace(camera, **change), views=14, seed=seed)
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory) -> Path:
+    """Six devices of a kind, one with another focal length, one with too few views."""
+    folder = tmp_path_factory.mktemp("fleet")
+    for number in range(6):
+        save_observations(folder / f"unit{number}.npz", device(number, **({"fx": 530.0} if number == 4 else {})))
+    save_observations(folder / "unit6.npz", device(6).select_images([0, 1]))
+    return folder
+
+
+def test_a_fleet_ends_in_a_table_with_the_odd_one_marked(command, fleet, tmp_path):
+    ended = command("calibrate-fleet", fleet, "--output", "out", *OPTIONS)
+    assert ended.code == 1, ended.err  # unit6
+    rows = table(tmp_path / "out")
+    assert list(rows) == [f"unit{number}" for number in range(7)]
+    for number in range(6):
+        row = rows[f"unit{number}"]
+        assert row["status"] == "done" and row["supported"] == "True" and int(row["views"]) == 14
+        assert float(row["fx_sigma"]) < 1 and 0.1 < float(row["rms_px"]) < 0.16
+        assert abs(float(row["E60_mm"]) - 1e3 * CAMERA.entrance_pupil(np.radians(60))) < 5 * float(row["E60_sigma_mm"])
+        assert (tmp_path / "out" / f"unit{number}" / f"unit{number}.yaml").exists()
+    assert [name for name, row in rows.items() if row["odd"]] == ["unit4"] and "fx +" in rows["unit4"]["odd"]
+    assert rows["unit6"]["status"] == "failed" and "2 views have" in rows["unit6"]["reason"]
+    assert not (tmp_path / "out" / "unit6").exists()
+    assert "2 views have" in (tmp_path / "out" / "logs" / "unit6.txt").read_text()
+    assert "ODD: r(80°) +" in ended.out and "7/7 unit6: failed: " in ended.err and "Traceback" not in ended.err
+
+    shutil.copy(fleet / "unit0.npz", tmp_path / "unit6.npz")
+    before = (tmp_path / "out" / "unit0" / "calibration.json").stat().st_mtime_ns
+    lines = [f"{fleet / f'unit{number}.npz'}\n" for number in range(6)]
+    (tmp_path / "list.txt").write_text("# the fleet\n\n" + "".join(lines) + "unit6.npz\n")
+    again = command("calibrate-fleet", "list.txt", "--output", "out", *OPTIONS, "--json")
+    assert again.code == 0 and "7 devices, 6 of them finished before" in again.err and "1/1 unit6: done" in again.err
+    assert [row["device"] for row in again.json["devices"]] == list(rows)
+    assert (tmp_path / "out" / "unit0" / "calibration.json").stat().st_mtime_ns == before
+    other = command("calibrate-fleet", "list.txt", "--output", "out", "--model", "kannala", "--no-report", "--no-skew")
+    assert other.code == 0 and "unit0 was calibrated before with another --model; --overwrite" in other.err
+
+
+def test_bags_are_devices_and_some_at_once_give_the_same(command, recording, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / "bags" / name).mkdir(parents=True)
+        shutil.copy(recording / "rig.mcap", tmp_path / "bags" / name / "rig.mcap")
+    (tmp_path / "bags" / "c.mcap").write_bytes(b"broken")
+    words = ("calibrate-fleet", "bags", "--target", recording / "board.yaml", "--topic", "front=/left/image_raw")
+    words += ("--topic", "rear=/right/image_raw", *OPTIONS, "--workers", 1, "--passes", 1)
+    assert command(*words, "--output", "one").code == 1
+    assert command(*words, "--output", "two", "--jobs", 3).code == 1
+    for out in ("one", "two"):
+        with open(tmp_path / out / "fleet.csv", newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert [(row["device"], row["camera"], row["status"]) for row in rows] == [
+            ("a", "front", "done"), ("a", "rear", "done"), ("b", "front", "done"), ("b", "rear", "done"),
+            ("c", "", "failed"),
+        ]  # fmt: skip
+        assert "c.mcap" in rows[4]["reason"]
+        values = [{key: row[key] for key in row if key not in ("device", "source", "yaml")} for row in rows]
+        assert values[:2] == values[2:4]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_ctrl_c_ends_all_devices_and_the_same_command_goes_on(fleet, tmp_path):
+    root = str(Path(fisheye_ep_calib.__file__).parents[1])
+    words = [sys.executable, "-m", "fisheye_ep_calib", "calibrate-fleet", str(fleet), "--output", "out", *OPTIONS]
+    process = subprocess.Popen(
+        words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": root}, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    while "1/7 unit0: done" not in process.stderr.readline():
+        assert process.poll() is None
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGINT)
+    said = process.stderr.read()
+    assert process.wait(60) == 130 and "interrupted; the same command goes on" in said and "Traceback" not in said
+    rows = table(tmp_path / "out")
+    assert rows["unit0"]["status"] == "done" and rows["unit5"]["reason"] == "not calibrated yet"
+    folders = {path.name for path in (tmp_path / "out").iterdir() if path.is_dir()}
+    assert folders <= {"logs", "unit0", "unit1"} and not list((tmp_path / "out").rglob("*unfinished"))
+
+
+def test_what_is_no_fleet_is_refused_in_one_line(command, fleet, recording, tmp_path):
+    def refused(place, *words):
+        command("calibrate-fleet", place, "--output", "out", *OPTIONS).refused(2, *words)
+
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "a.png").write_bytes(b"")
+    (tmp_path / "list.txt").write_text("# nothing\n")
+    (tmp_path / "missing.txt").write_text("nowhere.mcap\n")
+    refused("nowhere", "nowhere does not exist")
+    refused("empty", "empty holds no device")
+    refused("images", "images is one recording")
+    refused("list.txt", "lists no device")
+    refused(recording / "rig.mcap", "is no text")
+    refused("missing.txt", "--target")
+    command("calibrate-fleet", fleet, "--output", "list.txt").refused(2, "list.txt is not a folder")
+    command("calibrate-fleet", fleet, "--output", "out", "--jobs", 0).refused(2, "--jobs must be at least 1")
+    command("calibrate-fleet", fleet, "--output", "out", "--target", "no.yaml").refused(2, "no.yaml")
+    assert not (tmp_path / "out").exists()
+
+
+def test_devices_are_named_by_as_much_of_the_path_as_tells_them_apart(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name / "observations").mkdir(parents=True)
+        (tmp_path / name / "rec.mcap").touch()
+        for camera in ("front", "rear"):
+            (tmp_path / name / "observations" / f"{camera}.npz").touch()
+    (tmp_path / "list").write_text("a/rec.mcap\nb/rec.mcap\nb\n")
+    devices = find_devices(tmp_path / "list", tmp_path / "out")
+    assert [device.name for device in devices] == ["a_rec", "b_rec", "b"]
+    assert [path.name for path in devices[2].sources] == ["front.npz", "rear.npz"]
+    assert [device.name for device in find_devices(tmp_path, tmp_path / "b")] == ["a"]
+    (tmp_path / "list").write_text("a/rec.mcap\na/rec.mcap\n")
+    with pytest.raises(InputError, match="listed twice"):
+        find_devices(tmp_path / "list", tmp_path / "out")
+
+
+def test_devices_of_a_kind_are_seldom_called_odd_and_others_always():
+    rng = np.random.default_rng(0)
+    for count, most in ((4, 0.01), (8, 0.01), (50, 0.003)):
+        sigma = rng.uniform(0, 1, (2000, count))
+        values = 500 + rng.normal(size=sigma.shape) * np.hypot(1, sigma)
+        odd = [np.abs(robust_z(*both)) > threshold(count) for both in zip(values, sigma, strict=True)]
+        assert np.mean(odd) < most
+    for count in (4, 8, 50):
+        values = 500 + rng.normal(size=count)
+        values[1] = 600
+        assert (np.abs(robust_z(values, np.ones(count))) > threshold(count)).tolist() == [
+            number == 1 for number in range(count)
+        ]
+    assert threshold(FEWEST - 1) == np.inf and 3.5 < threshold(1000) < 3.52
+    assert abs(threshold(5) - 10.5) < 0.05 and abs(threshold(20) - 4.2) < 0.05
+
+
+def test_a_poorly_known_device_is_not_odd_and_cameras_are_compared_by_name():
+    def row(name, camera, fx, sigma=0.1, rms=0.2, supported=True):
+        return {
+            "device": name, "camera": camera, "status": "done", "odd": "", "model": "ep_even", "fx": fx,
+            "fx_sigma": sigma, "rms_px": rms, "supported": supported,
+        }  # fmt: skip
+
+    rows = [row(str(n), camera, base + 0.1 * n) for n in range(8) for camera, base in (("a", 500.0), ("b", 700.0))]
+    mark_odd(rows)
+    assert not [one for one in rows if one["odd"]]
+    rows[4]["fx"] = rows[6]["fx"] = 505.0
+    rows[6]["fx_sigma"] = 5.0
+    rows[1]["rms_px"] = 0.5
+    rows[3]["supported"] = False
+    rows[5] |= {"status": "failed"}
+    mark_odd(rows)
+    assert {number: one["odd"].split()[0] for number, one in enumerate(rows) if one["odd"]} == {
+        1: "RMS", 3: "pupil", 4: "fx",
+    }  # fmt: skip
+    alike = [row(str(n), "a", 500.0, sigma=0.0) for n in range(5)]
+    mark_odd(alike)
+    assert not [one for one in alike if one["odd"]]
