@@ -11,6 +11,7 @@ from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
 from fisheye_ep_calib.calibration.fit import MIN_POINTS, Sightings, of_images, sightings_of
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.ray_pose import poses_from_rays
+from fisheye_ep_calib.calibration.views import view_blocks
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 
@@ -59,29 +60,28 @@ def evaluate_camera(
     }
     if len(sightings.images) == 0:
         raise CalibrationError(f"no view has {MIN_POINTS} points or more: there is nothing to evaluate")
-    poses = _first_poses(camera, sightings)
     problem = AdjustmentProblem(
         sightings.blocks,
         sightings.features,
         np.zeros(len(camera.parameters), dtype=bool),
         theta_limit=camera.theta_limit,
     )
-    state = AdjustmentState(camera, poses, warp)
-    lost = _lost_views(problem, state, sightings)
-    kept = sightings.images[~lost]
-    failed |= {int(image): "no pose explains its points" for image in sightings.images[lost]}
-    if len(kept) == 0:
-        raise CalibrationError("no view fits the camera: is this the right camera file and target?")
-    sightings = of_images(sightings, kept)
-    problem = replace(problem, blocks=sightings.blocks)
-    state = adjust(problem, AdjustmentState(camera, poses[~lost], warp)).state
+    state = AdjustmentState(camera, _first_poses(camera, sightings), warp)
+    lost = _views_where(_median_error(problem, state, sightings) > _LOST * max(observations.image_size), sightings)
+    failed |= dict.fromkeys(lost, "no pose explains its points")
+    problem, state, sightings = _without(lost, problem, state, sightings)
+    state = _refitted_to_visible(problem, state, sightings)
+    outside = _views_where(_invalid_count(problem, state, sightings) > 0, sightings)
+    failed |= dict.fromkeys(outside, "the camera cannot project all of its points")
+    problem, state, sightings = _without(outside, problem, state, sightings)
+    state = adjust(problem, state).state
     error, theta, _ = residuals(problem, state, len(observations.pixels))
     used = np.isfinite(error[:, 0]) & (observations.weights > 0)
     length = np.hypot(error[used, 0], error[used, 1]) * observations.weights[used]
     return Evaluation(
         error,
         theta,
-        kept,
+        sightings.images,
         state.camera_from_target,
         failed,
         float(np.sqrt((length**2).mean())),
@@ -103,16 +103,44 @@ def _first_poses(camera: FisheyeCamera, sightings: Sightings) -> np.ndarray:
     return poses
 
 
-def _lost_views(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings) -> np.ndarray:
-    """bool (V,): views that the first pose does not explain at all."""
+def _views_where(marked: np.ndarray, sightings: Sightings) -> list[int]:
+    return [int(image) for image in sightings.images[marked]]
+
+
+def _without(images: list[int], problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings):
+    """Problem, state and sightings without these images; refuses to leave none."""
+    kept = ~np.isin(sightings.images, images)
+    if not kept.any():
+        raise CalibrationError("no view fits the camera: is this the right camera file and target?")
+    sightings = of_images(sightings, sightings.images[kept])
+    state = replace(state, camera_from_target=state.camera_from_target[kept])
+    return replace(problem, blocks=sightings.blocks), state, sightings
+
+
+def _by_view(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings):
+    """Error lengths, px, of each view's sightings in use; infinite where the camera has no projection."""
     observations = sightings.observations
     error, _, valid = residuals(problem, state, len(observations.pixels))
     length = np.where(valid, np.hypot(error[:, 0], error[:, 1]), np.inf)
-    limit = _LOST * max(observations.image_size)
     used = observations.weights > 0
-    return np.array(
-        [
-            not np.isfinite(length[rows]).all() or np.median(length[rows]) > limit
-            for rows in ((observations.image_index == image) & used for image in sightings.images)
-        ]
-    )
+    return [length[(observations.image_index == image) & used] for image in sightings.images]
+
+
+def _median_error(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings) -> np.ndarray:
+    """(V,) px."""
+    return np.array([np.median(lengths) for lengths in _by_view(problem, state, sightings)])
+
+
+def _invalid_count(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings) -> np.ndarray:
+    """(V,): sightings without a projection."""
+    return np.array([np.isinf(lengths).sum() for lengths in _by_view(problem, state, sightings)])
+
+
+def _refitted_to_visible(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings) -> AdjustmentState:
+    """Poses refitted to what the first ones can project: in a close-up those of rays through one point are far off."""
+    observations = sightings.observations
+    _, _, valid = residuals(problem, state, len(observations.pixels))
+    if valid[(observations.weights > 0) & np.isin(observations.image_index, sightings.images)].all():
+        return state
+    visible = replace(observations, weights=np.where(valid, observations.weights, 0.0))
+    return adjust(replace(problem, blocks=view_blocks(visible, sightings.images)), state).state
