@@ -73,6 +73,7 @@ def kill_and_resume(times: int, start_calibrator, start_publisher, probe, render
     undisturbed = calibrate(Observations.load(folder / "front.npz"), model="ep_odd")
     assert f"{undisturbed.views} views" in answer.message
     camera = load_camera(folder / "front.yaml")
+    print(f"killed {times} times: {reported} views reported till then, all there; {answer.message}")
     np.testing.assert_allclose(camera.parameters, undisturbed.camera.parameters, rtol=1e-9)
 
 

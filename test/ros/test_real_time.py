@@ -58,14 +58,14 @@ def run(start_calibrator, start_publisher, probe, images, folder, frames: int) -
     )
     statuses = probe.collect(String, "/calibrator/status", LATCHED)
     publisher = start_publisher(images, RATE, *[f"/{camera}/image_raw" for camera in CAMERAS], "--frames", frames)
-    late: list[float] = []
-    for camera in CAMERAS:
-        probe.node.create_subscription(
-            CameraInfo, f"/{camera}/camera_info", lambda info: late.append(seconds_since(info)), LATCHED
-        )
+    late: dict[tuple, float] = {}  # a new calibration is published with the last image's header once more
 
-    def seconds_since(info: CameraInfo) -> float:
-        return time.time() - info.header.stamp.sec - info.header.stamp.nanosec * 1e-9
+    def receive(info: CameraInfo) -> None:
+        frame, stamp = info.header.frame_id, info.header.stamp
+        late.setdefault((frame, stamp.sec, stamp.nanosec), time.time() - stamp.sec - stamp.nanosec * 1e-9)
+
+    for camera in CAMERAS:
+        probe.node.create_subscription(CameraInfo, f"/{camera}/camera_info", receive, LATCHED)
 
     memories = []
     while publisher.process.poll() is None:
@@ -81,7 +81,7 @@ def run(start_calibrator, start_publisher, probe, images, folder, frames: int) -
         "received": [cameras[-1][camera]["received"] for camera in CAMERAS],
         "searched": [cameras[-1][camera]["searched"] for camera in CAMERAS],
         "delays": sorted(delay for delay in delays if delay is not None),
-        "info": sorted(late),
+        "info": sorted(late.values()),
         "memories": memories,
     }
 
