@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import array
 import threading
 from typing import Any
 
@@ -15,7 +14,9 @@ from std_msgs.msg import Header, String
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.camera_info_message import camera_info_message
+from fisheye_ep_calib.ros.picture_message import picture_message
 from fisheye_ep_calib.ros.quality import LATCHED
+from fisheye_ep_calib.storage.pictures import Picture
 
 
 class CalibrationPublisher:
@@ -72,10 +73,7 @@ class CalibrationPublisher:
 
     def publish_picture(self, header: Header, picture: np.ndarray) -> None:
         """The overlay (h, w, 3) uint8, blue green red."""
-        height, width, _ = picture.shape
-        message = Image(header=header, height=height, width=width, encoding="bgr8", step=3 * width)
-        message.data = array.array("B", picture.tobytes())
-        self._annotated.publish(message)
+        self._annotated.publish(picture_message(Picture(picture, "bgr8"), header))
 
     def _send(self, header: Header) -> None:
         with self._lock:

@@ -57,8 +57,7 @@ class CalibratorNode:
         self._parameters = ParameterTable(self.node)
         settings = declare(self._parameters)
         logger = self.node.get_logger()
-        for name in self._parameters.unknown():
-            logger.warning(f"parameter {name} is not known and has no effect")
+        self._parameters.warn_of_unknown()
         cameras = settings.cameras
         self._publishers = {camera.name: CalibrationPublisher(self.node, camera) for camera in cameras}
         for camera in cameras:

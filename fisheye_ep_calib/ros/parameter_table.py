@@ -95,10 +95,11 @@ class ParameterTable:
         """Whether this is a parameter of the table that may change while the node runs."""
         return name in self._entries and self._entries[name].live
 
-    def unknown(self) -> list[str]:
-        """Names that were given at the start and mean nothing: misspelt, most likely."""
+    def warn_of_unknown(self) -> None:
+        """Tell of names that were given at the start and mean nothing: misspelt, most likely."""
         given = getattr(self._node, "_parameter_overrides", {})
-        return sorted(name for name in given if not self._node.has_parameter(name))
+        for name in sorted(name for name in given if not self._node.has_parameter(name)):
+            self._node.get_logger().warning(f"parameter {name} is not known and has no effect")
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         for parameter in parameters:

@@ -51,8 +51,7 @@ class RectifierNode:
         self._parameters = ParameterTable(self.node)
         self._settings = settings = declare(self._parameters)
         logger = self.node.get_logger()
-        for name in self._parameters.unknown():
-            logger.warning(f"parameter {name} is not known and has no effect")
+        self._parameters.warn_of_unknown()
         self._announcer = Announcer(logger.info, logger.warning)
         self._rectifier = settings.rectifier
         self._info = camera_info_message(rectified_camera_info(self._rectifier.view))

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from live_processes import wait_for
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from live_processes import LATCHED, wait_for
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -19,9 +19,6 @@ pytestmark = pytest.mark.live
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
-LATCHED = QoSProfile(
-    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
 RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 

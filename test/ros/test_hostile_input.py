@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_processes import wait_for
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from live_processes import LATCHED, wait_for
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import String
 
@@ -19,9 +19,6 @@ pytestmark = pytest.mark.live
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
-LATCHED = QoSProfile(
-    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
 KEEP_ALL = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
 
 

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from live_processes import wait_for
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from live_processes import LATCHED, wait_for
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
 
@@ -18,9 +17,6 @@ pytestmark = pytest.mark.live
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
-LATCHED = QoSProfile(
-    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
 CAMERAS = ("front", "rear")
 RATE = 10.0
 

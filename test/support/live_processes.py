@@ -12,7 +12,10 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+# Whoever subscribes later still gets the last message.
+LATCHED = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PATIENCE = 120.0  # seconds; only a failing test on a slow machine waits that long
 
 
