@@ -12,6 +12,7 @@ from fisheye_ep_calib.target.corner_measurement import Surroundings
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.marker_board import complete_corners, corners_by_markers
 from fisheye_ep_calib.target.marker_detection import find_markers
+from fisheye_ep_calib.target.sharpness import why_not
 
 # OpenCV's first corner is the tag's bottom right as Kalibr prints it; from there clockwise.
 KALIBR_ORDER = np.array([1, 0, 3, 2])
@@ -43,13 +44,13 @@ class AprilGridDetector:
             return Detection(reason=reason)
         markers = find_markers(image, self.dictionary, BORDER_CELLS, len(self.marker_points), "an AprilGrid")
         if len(markers.identity) == 0:
-            return Detection(reason="board not found", rejected=markers.rejected)
+            return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)
         size = self.target.tag_size
         start, jacobian, known = corners_by_markers(
             self.marker_points[markers.identity], markers.corners, self.points, 0.72 * size
         )
         pixels, found = complete_corners(image, self.points, start, jacobian, known, self.around, size)
-        return finish(self.points, pixels, found, start[known & ~found], "tag corners")
+        return finish(image, self.points, pixels, found, start[known & ~found], "tag corners")
 
     def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
         return find_guided(image, camera, camera_from_target, self.target.object_points, self.around)

@@ -10,6 +10,7 @@ from fisheye_ep_calib.target.corner_measurement import Surroundings
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.marker_board import complete_corners, corners_by_markers
 from fisheye_ep_calib.target.marker_detection import find_markers
+from fisheye_ep_calib.target.sharpness import why_not
 
 FEWEST_CORNERS = 6
 UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
@@ -37,24 +38,24 @@ class CharucoDetector:
             return Detection(reason=reason)
         markers = find_markers(image, self.dictionary, 1, len(self.marker_points), "a ChArUco board")
         if len(markers.identity) == 0:
-            return Detection(reason="board not found", rejected=markers.rejected)
+            return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)
         start, jacobian, known = corners_by_markers(
             self.marker_points[markers.identity], markers.corners, self.points, 0.8 * self.target.spacing
         )
         pixels, found = complete_corners(
             image, self.points, start, jacobian, known, self.around, self.target.spacing
         )
-        return finish(self.points, pixels, found, start[known & ~found], "corners")
+        return finish(image, self.points, pixels, found, start[known & ~found], "corners")
 
     def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
         return find_guided(image, camera, camera_from_target, self.target.object_points, self.around)
 
 
 def finish(
-    points: np.ndarray, pixels: np.ndarray, found: np.ndarray, missed: np.ndarray, what: str
+    image: np.ndarray, points: np.ndarray, pixels: np.ndarray, found: np.ndarray, missed: np.ndarray, what: str
 ) -> Detection:
     """The detection of a board of markers from its measured corners, or why there is none."""
     if found.sum() < min(FEWEST_CORNERS, len(points)):
         reason = f"{int(found.sum())} of {len(points)} {what}" if found.any() else "board not found"
-        return Detection(reason=reason, rejected=np.vstack([missed, pixels[found]]))
+        return Detection(reason=why_not(image, reason), rejected=np.vstack([missed, pixels[found]]))
     return Detection(np.flatnonzero(found), pixels[found], rejected=missed)

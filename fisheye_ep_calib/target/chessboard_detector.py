@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from fisheye_ep_calib.target.corner_refinement import looks_like_corner, refine_
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.labelling import Placement, label_patch
 from fisheye_ep_calib.target.saddle_fit import fit_saddles
+from fisheye_ep_calib.target.sharpness import why_not
 
 logger = logging.getLogger(__name__)
 
@@ -58,8 +60,9 @@ class ChessboardDetector:
         for cells, pixels in self._patches(image):
             if len(cells) < 4 or len(cells) <= len(best):
                 break
-            best = max(best, self._complete(image, cells, pixels), key=len)
-        return best
+            found = self._complete(image, cells, pixels)
+            best = max(best, found, key=lambda one: (len(one), len(one.rejected)))
+        return best if len(best) else replace(best, reason=why_not(image, best.reason))
 
     def _patches(self, image: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Patches found in the image and in smaller copies of it, largest first."""

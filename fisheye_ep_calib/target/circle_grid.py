@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from fisheye_ep_calib.target.base import Artwork, Target, bounding_board, rectangular_grid
 from fisheye_ep_calib.target.detection import Detector
 from fisheye_ep_calib.target.schema import Keys
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,12 @@ class CircleGrid(Target):
         keys.only(("target_type", "targetCols", "targetRows", "spacingMeters", "asymmetricGrid", "radius"))
         columns, rows = keys.count("targetCols", 2), keys.count("targetRows", 2)
         radius = keys.metres("radius") if "radius" in keys else None
+        if radius is None:
+            logger.warning(
+                "%s: no radius of the discs is given: their centres are taken as points, which biases a calibration;"
+                " add radius: METRES",
+                keys.source,
+            )
         spacing, asymmetric = keys.metres("spacingMeters"), keys.flag("asymmetricGrid")
         return CircleGrid.create(name, columns, rows, spacing, radius, asymmetric)
 

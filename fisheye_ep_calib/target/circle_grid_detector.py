@@ -9,24 +9,30 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.target.blobs import Blobs, find_blobs
-from fisheye_ep_calib.target.cells import is_regular, smooth
+from fisheye_ep_calib.target.cells import smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.disc_growth import complete_discs
 from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs
 from fisheye_ep_calib.target.ellipse import minor_axis
-from fisheye_ep_calib.target.guidance import predict_discs, stays_smooth
-from fisheye_ep_calib.target.labelling import Placement, label_patch
-from fisheye_ep_calib.target.lattice import Lattice, grow_lattices
+from fisheye_ep_calib.target.guidance import pose_columns, predict_discs, stays_smooth
+from fisheye_ep_calib.target.hole_evidence import hole_evidence
+from fisheye_ep_calib.target.labelling import label_patch
+from fisheye_ep_calib.target.lattice import FEWEST, Lattice, grow_lattices
+from fisheye_ep_calib.target.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
+from fisheye_ep_calib.target.sharpness import why_not
 
 FEWEST_DISCS = 9
 SEARCH_SIDE = 700
 WINDOWS = (31, 121)
 MOST_LATTICES = 4
 TOO_MANY = 1.5
+MOSTLY_FOUND = 0.8
 UNKNOWN_RATIO = 2.4
 USUAL_ERROR = 0.08
 # Of an offset from the prediction, the share that may vary from feature to feature.
 MODEL_ERROR = 0.08
+# Of what a disc's radius exceeds this many pixels, the share that its centre may be off.
+SIZE_ERROR, LARGE = 0.003, 30.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,7 @@ class CircleGridDetector:
         if reason:
             return Detection(reason=reason)
         total = len(self.target.object_points)
-        best = _Found()
+        best = _Found(-math.inf)
         for factor in _search_factors(image.shape):
             found = self._detect_at(image, factor)
             best = max(best, found, key=lambda candidate: candidate.score)
@@ -62,8 +68,8 @@ class CircleGridDetector:
         if len(best.detection) >= self.fewest:
             return best.detection
         count = len(best.detection)
-        reason = f"{count} of {total} discs" if count > 3 else "board not found"
-        return Detection(reason=reason, rejected=best.detection.rejected)
+        reason = f"{count} of {total} discs" if count > 3 else best.detection.reason or "board not found"
+        return Detection(reason=why_not(image, reason), rejected=best.detection.rejected)
 
     def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
         reason = check_image(image)
@@ -81,7 +87,10 @@ class CircleGridDetector:
         good = found.good.copy()
         if good.any():
             offset = found.center[good] - expected[good]
-            common = stays_smooth(points[index[good]], offset, USUAL_ERROR + MODEL_ERROR * _typical(offset))
+            large = np.maximum(minor_axis(shape[good]) - LARGE, 0)
+            usual = USUAL_ERROR + MODEL_ERROR * _typical(offset) + SIZE_ERROR * large
+            columns = pose_columns(camera, camera_from_target, points[index[good]])
+            common = stays_smooth(points[index[good]], offset, usual, columns)
             common &= np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * minor_axis(shape[good])
             allowed = np.where(hole[good] > 0, np.inf, found[good].size_error)
             good[good] = common & stays_smooth(points[index[good]], found[good].log_radius_ratio, allowed)
@@ -93,55 +102,61 @@ class CircleGridDetector:
         """The best of the largest lattices, looked for in the image reduced by ``factor``."""
         blobs = find_blobs(_reduced(image, factor), WINDOWS, holes=bool(self.target.holed)).scaled(factor)
         best = _Found(detection=Detection(rejected=blobs.center))
-        lattices = grow_lattices(blobs.center, blobs.shape, self.ratio)
+        total = len(self.target.object_points)
+        lattices = grow_lattices(blobs.center, blobs.shape, self.ratio, int(MOSTLY_FOUND * total))
         # A lattice much larger than the target is something else: a grille, a woven cloth.
-        largest = TOO_MANY * len(self.target.object_points)
+        largest = TOO_MANY * total
         for lattice in [lattice for lattice in lattices if len(lattice) <= largest][:MOST_LATTICES]:
             if best.score > len(lattice):
                 break
             found = self._measure_and_label(image, blobs, lattice)
-            best = max(best, found, key=lambda candidate: candidate.score)
+            best = max(best, found, key=lambda candidate: (candidate.score, candidate.detection.reason))
         return best
 
     def _measure_and_label(self, image: np.ndarray, blobs: Blobs, lattice: Lattice) -> _Found:
         chosen = blobs[lattice.blob]
-        holed = self._holed(chosen)
-        hole = np.where(holed, self.hole_ratio, 0.0)
+        hole = np.full(len(chosen), self.hole_ratio)
         found = measure_discs(image, chosen.center, chosen.shape, self.gap_ratio, hole)
         cells, found = complete_discs(
             image, lattice.cell, found, self.gap_ratio, self.hole_ratio, self.longest
         )
-        marked = lattice.cell[holed]
+        good = found.good.copy()
+        if good.any():
+            good[good] = fits_neighbours(cells[good], found.center[good], found.shape[good])
+        if not self._is_board(cells[good], found[good], blobs):
+            return _Found(detection=Detection(rejected=blobs.center))
+        marks = None
+        if self.target.holed:
+            marks = hole_evidence(
+                image, cells, found, self.hole_ratio, self.target.lattice[list(self.target.holed)]
+            )
         labels = label_patch(
             cells,
             found.center,
             self.target.lattice,
-            allowed=(lambda placement: self._identity(placement, marked)) if self.target.holed else None,
+            allowed=marks,
             is_plain=lambda sites, scale: _is_plain(image, sites, found),
+            least=marks.least if marks else None,
         )
-        good = found.good & labels.known
-        if good.any():
-            good[good] = smooth(cells[good], found.center[good])
-        if good.any() and not is_regular(cells[good], found.center[good]):
-            good[:] = False
+        if not labels.known.any():
+            reason = f"{int(good.sum())} discs, but not which: too few of the holed ones are seen"
+            return _Found(detection=Detection(reason=reason, rejected=blobs.center))
+        # A lattice that goes on beyond the target is something else.
+        beyond = int((good & ~labels.known).sum())
+        good &= labels.known
+        good[good] = smooth(cells[good], found.center[good])
         loose = np.ones(len(blobs), dtype=bool)
         loose[lattice.blob[good[: len(lattice)]]] = False
         detection = Detection(labels.point_index[good], found.center[good], rejected=blobs.center[loose])
-        # A lattice that goes on beyond the target is something else.
-        beyond = int((found.good & ~labels.known).sum())
         return _Found(len(detection) - 2 * beyond, detection)
 
-    def _holed(self, blobs: Blobs) -> np.ndarray:
-        """Which blobs have the hole that identifies them."""
-        return (
-            blobs.hole > 0.3 * self.hole_ratio**2 if self.target.holed else np.zeros(len(blobs), dtype=bool)
-        )
-
-    def _identity(self, placement: Placement, marked: np.ndarray) -> float:
-        """How many of the holed discs (m, 2) fall where the target has one, less those that do not."""
-        marks = {tuple(cell) for cell in self.target.lattice[list(self.target.holed)].tolist()}
-        hits = sum(tuple(cell) in marks for cell in placement(marked).tolist())
-        return 2.0 * hits - len(marked)
+    def _is_board(self, cells: np.ndarray, discs: Measurement, blobs: Blobs) -> bool:
+        """Whether discs at cells (k, 2) are a grid like the target's, no chance chain nor part of a finer grid."""
+        if len(cells) < FEWEST:
+            return False
+        if is_every_second(cells, discs.center, blobs.center):
+            return False
+        return is_disc_lattice(cells, discs.center, discs.shape, self.ratio)
 
 
 def _typical(offset: np.ndarray) -> float:
@@ -159,10 +174,10 @@ def _reduced(image: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _search_factors(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Reductions to try: the usual one, a finer one for small discs, a coarser one for very large discs."""
+    """Reductions to try: the usual one, a finer one for small discs, a coarser one for very large ones, none at all."""
     factor = max(1, math.ceil(max(shape) / SEARCH_SIDE))
     coarser = 2 * factor if min(shape) >= 200 * factor else factor
-    return tuple(dict.fromkeys((factor, max(1, factor // 2), coarser)))
+    return tuple(dict.fromkeys((factor, max(1, factor // 2), coarser, 1)))
 
 
 def _is_plain(image: np.ndarray, sites: np.ndarray, discs: Measurement) -> np.ndarray:

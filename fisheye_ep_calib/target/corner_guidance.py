@@ -7,7 +7,7 @@ import numpy as np
 from fisheye_ep_calib.target.corner_measurement import Surroundings, measure_corners
 from fisheye_ep_calib.target.corner_refinement import reach_of
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.guidance import predict, predict_bend, stays_smooth
+from fisheye_ep_calib.target.guidance import pose_columns, predict, predict_bend, stays_smooth
 
 USUAL_ERROR = 0.25
 
@@ -28,7 +28,8 @@ def find_guided(
     refined, good = measure_corners(image, start, jacobian, bend, around)
     if good.any():
         offset = refined[good] - start[good]
-        common = stays_smooth(points[index[good]], offset, USUAL_ERROR)
+        columns = pose_columns(camera, camera_from_target, points[index[good]])
+        common = stays_smooth(points[index[good]], offset, USUAL_ERROR, columns)
         reach = reach_of(around.half[good, None, None] * jacobian[good])
         good[good] = common & (np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * reach)
     if not good.any():

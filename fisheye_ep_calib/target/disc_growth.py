@@ -7,6 +7,7 @@ import numpy as np
 from fisheye_ep_calib.target.cells import extrapolate
 from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs
 from fisheye_ep_calib.target.ellipse import minor_axis
+from fisheye_ep_calib.target.lattice_evidence import MOST_STRETCH, frames, lattice_edges, mean_distance
 
 MOST_ROUNDS = 40
 FARTHEST = 3
@@ -35,6 +36,7 @@ def complete_discs(
             shape = discs.shape[good[nearest]]
             found = measure_discs(image, where, shape, ratio, np.full(len(sites), hole))
             kept = _belongs(found, where, shape, np.median(discs.contrast[good]))
+            kept[kept] = _apart(found[kept], sites[kept], cells[good], discs[good])
         if kept.any():
             cells, discs = np.concatenate([cells, sites[kept]]), discs.joined(found[kept])
             taken.update(tuple(site) for site in sites[kept].tolist())
@@ -63,3 +65,25 @@ def _belongs(found: Measurement, where: np.ndarray, shape: np.ndarray, contrast:
     near = np.hypot(*(found.center - where).T) < 0.7 * minor_axis(shape)
     alike = np.abs(np.log(np.linalg.det(found.shape) / np.linalg.det(shape))) < 0.8
     return found.good & near & alike & (found.contrast > 0.4 * contrast)
+
+
+def _apart(found: Measurement, sites: np.ndarray, cells: np.ndarray, discs: Measurement) -> np.ndarray:
+    """Whether each new disc (m,) at sites (m, 2) lies as far from the patch's discs as its place in the lattice says.
+
+    Where the board ends, lines lead back to discs that are known already.
+    """
+    if len(sites) == 0:
+        return np.zeros(0, dtype=bool)
+    count = len(cells)
+    center, frame = np.concatenate([discs.center, found.center]), frames(np.concatenate([discs.shape, found.shape]))
+    first, second = lattice_edges(cells)
+    pitch = np.median(mean_distance(frame, center, first, second)) if len(first) else 1.0
+    apart = np.linalg.norm(found.center[:, None] - center, axis=2)
+    apart[np.arange(len(sites)), count + np.arange(len(sites))] = np.inf
+    beside = apart.argmin(axis=1)
+    new = count + np.arange(len(sites))
+    near = mean_distance(frame, center, new, beside) / pitch
+    steps = np.linalg.norm(sites[:, None] - cells, axis=2)
+    nearest = steps.argmin(axis=1)
+    stretch = mean_distance(frame, center, new, nearest) / (pitch * steps[np.arange(len(sites)), nearest])
+    return (near > 0.6) & (np.abs(np.log(np.maximum(stretch, 1e-6))) < MOST_STRETCH)

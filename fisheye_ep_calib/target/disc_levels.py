@@ -76,20 +76,22 @@ def _board_planes(
     trust: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Planes (d, 3) through the rings (p,) bool, their noise (d,), and the share of each ring that was used (d,)."""
-    light = patches.mean(patches.value, ring)
-    light = patches.mean(patches.value, ring & (patches.value > patches.spread(0.5 * (light + dark))))
+    # The darker half of what is not dark: other things in the ring may be brighter than the board.
+    light = patches.quantile(patches.value, ring, 0.5)
+    light = patches.quantile(patches.value, ring & (patches.value > patches.spread(0.5 * (light + dark))), 0.4)
+    light = _without_glare(center, light, dark)
     plane = np.stack([light, *np.zeros((2, len(patches)))], axis=-1)
     noise = np.zeros(len(patches))
     kept = ring
     squares = patches.sum(ring * (patches.x**2 + patches.y**2)) / 2
-    # Other discs and occluders are cut off: what is darker than the board, more closely each time.
-    for share in (0.5, 0.75, 0.88, None):
+    # Other discs, occluders and the ground behind the board are cut off, more closely each time.
+    for share in (0.5, 0.25, 0.12, None):
         rest = patches.value - height(plane, patches)
         if share is None:
             kept = kept & (np.abs(rest) < patches.spread(np.maximum(2.5 * noise, 2)))
         else:
-            kept = ring & (rest > patches.spread(-np.maximum((1 - share) * (plane[:, 0] - dark), 1.5)))
-        expected = _shading(center, patches.mean(patches.value, kept), shape)
+            kept = ring & (np.abs(rest) < patches.spread(np.maximum(share * (plane[:, 0] - dark), 2)))
+        expected = _shading(center, patches.mean(patches.value, kept), plane[:, 0] - dark, shape)
         plane = fit_planes(patches, kept.astype(np.float32), expected, trust * squares)
         noise = np.sqrt(patches.mean(rest**2, kept))
     used = patches.sum(kept)
@@ -105,15 +107,24 @@ def _trust(shape: np.ndarray) -> np.ndarray:
     return np.minimum(1, (SMALL_DISC / np.maximum(minor_axis(shape), 1)) ** 4)
 
 
-def _shading(center: np.ndarray, level: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Slopes (d, 2) of the board's brightness along x and y, from the levels around the neighbours of each
-    disc.
+def _without_glare(center: np.ndarray, light: np.ndarray, dark: np.ndarray) -> np.ndarray:
+    """The board's brightness (d,) around each disc, that of its neighbours where something brighter is in its ring."""
+    _, near = cKDTree(center).query(center, k=min(9, len(center)))
+    usual = np.median(light[near.reshape(len(center), -1)], axis=1)
+    return np.where(light - usual > 0.25 * (usual - dark), usual, light)
+
+
+def _shading(center: np.ndarray, level: np.ndarray, contrast: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Slopes (d, 2) of the board's brightness along x and y, from the levels around the neighbours of each disc; those
+    that differ from its own by much of its contrast are of something else.
     """
     if len(center) < FEWEST_NEIGHBOURS:
         return np.zeros((len(center), 2))
     _, near = cKDTree(center).query(center, k=min(9, len(center)))
     offset = center[near] - center[:, None]
     rise = level[near] - level[:, None]
+    alike = np.abs(rise) < 0.3 * np.maximum(contrast, 1)[:, None]
+    rise, offset = rise * alike, offset * alike[..., None]
     normal = np.einsum("dki,dkj->dij", offset, offset)
     normal += 1e-3 * np.eye(2) + 1e-3 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2)
     slope = np.linalg.solve(normal, np.einsum("dki,dk->di", offset, rise)[..., None])[..., 0]

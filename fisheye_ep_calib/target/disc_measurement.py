@@ -14,6 +14,9 @@ from fisheye_ep_calib.target.pixel_patches import PixelPatches
 SECTORS = 12
 FIRST_BLUR = 1.0
 LEAST_CONTRAST = 8.0
+BEYOND, BEYOND_NOISE = 0.1, 3.0
+# What a lens makes of a disc larger than this, pixels, is no ellipse: by this share of the excess it may differ.
+NO_ELLIPSE, LARGE = 0.004, 25.0
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,8 @@ def _measure_once(
     good &= (area_ratio > 0.6) & (area_ratio < 1.6) & (np.hypot(*move.T) < np.maximum(minor_axis(shape), 1.0))
     if final:
         good &= (area_ratio > 0.8) & (area_ratio < 1.25)
-        good &= _seen_whole(patches, ellipse, weight, inner, own, state.blur, relative_noise, hole, band)
+        bulge = NO_ELLIPSE * np.maximum(major_axis(shape) - LARGE, 0) / (band + 0.5)
+        good &= _seen_whole(patches, ellipse, weight, inner, own, state.blur, relative_noise, hole, band, bulge)
     new_shape = _ellipse_of_mass(patches, mass, move, area, shape) if adapt else shape
     blur = _edge_blur(patches, weight, edge, relative_noise, shape)
     center = state.center + np.where(good[:, None], move, 0)
@@ -148,9 +152,11 @@ def _measure_once(
 
 
 def _dark_share(patches: PixelPatches, levels: Levels) -> np.ndarray:
-    """How much of each pixel (p,) is disc: (ground − I) / (ground − disc)."""
+    """How much of each pixel (p,) is disc: (ground − I) / (ground − disc), cut off where it is none and no noise."""
     light, dark = height(levels.plane, patches), height(levels.dark_plane, patches)
-    return (light - patches.value) / np.maximum(light - dark, 1)
+    share = (light - patches.value) / np.maximum(light - dark, 1)
+    beyond = patches.spread(np.maximum(BEYOND, BEYOND_NOISE * levels.noise / np.maximum(levels.contrast, 1)))
+    return np.clip(share, -beyond, 1 + beyond)
 
 
 def _ellipse_of_mass(patches: PixelPatches, mass, move, area, shape) -> np.ndarray:
@@ -180,7 +186,7 @@ def _edge_blur(patches: PixelPatches, weight, edge, relative_noise, shape) -> np
 
 
 def _seen_whole(
-    patches: PixelPatches, ellipse: EllipsePosition, weight, inner, own, blur, relative_noise, hole, band
+    patches: PixelPatches, ellipse: EllipsePosition, weight, inner, own, blur, relative_noise, hole, band, bulge
 ) -> np.ndarray:
     """Whether every sector of each disc (d,) looks as it should, dark inside and light outside.
 
@@ -213,6 +219,7 @@ def _seen_whole(
             allowed
             + 5.0 * relative_noise[:, None] / np.sqrt(np.maximum(fewest, 1))
             + 0.25 / np.maximum(fewest, 1)
+            + bulge[:, None]
         )
         uneven = (np.abs(mean - opposite) > tolerance) & (fewest >= 2)
         wrong = (np.abs(mean) > 0.3 + tolerance) & (count >= 2)

@@ -10,6 +10,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
 
 BOUNDARY = 12
+FEWEST_FOR_PLANE, FEWEST_FOR_QUADRATIC = 8, 15
 
 
 @dataclass(frozen=True)
@@ -89,27 +90,53 @@ def predict_bend(
     return np.where(seen[:, None, None], 4 * np.stack([xx, xy, yy], axis=-1), 0.0)
 
 
-def smooth_residuals(points: np.ndarray, values: np.ndarray) -> np.ndarray:
+def pose_columns(camera: FisheyeCamera, camera_from_target: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """How pixels of points (n, 3) move with small rotations about the camera's axes and with translations, (n, 2, 6).
+
+    d(R P + T) = ω × (R P) + τ. Zero where the camera has no pixel.
+    """
+    turned = points @ camera_from_target[:3, :3].T
+    _, valid, d_point, _ = camera.project_with_jacobian(turned + camera_from_target[:3, 3])
+    x, y, z = turned.T
+    zero = np.zeros_like(x)
+    cross = np.stack([np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=1)
+    columns = np.concatenate([d_point @ cross, d_point], axis=-1)
+    return np.where((valid & np.isfinite(columns).all(axis=(1, 2)))[:, None, None], columns, 0.0)
+
+
+def smooth_residuals(points: np.ndarray, values: np.ndarray, columns: np.ndarray | None = None) -> np.ndarray:
     """How far each feature's value (k, m) is from one that varies smoothly over the board (k,).
 
     A camera that does not fit yet errs smoothly, and so do sizes change: the values are fitted with a
     quadratic in the board's x and y (points (k, 2 or 3)), robustly (iteratively reweighted, Cauchy weights).
+    columns (k, m, p): further ways in which the values may vary, such as by the pose.
     """
+    count, width = values.shape
     centred = points[:, :2] - points[:, :2].mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
-    columns = [np.ones_like(x), x, y, x * x, x * y, y * y]
-    design = np.stack(columns[: 6 if len(points) >= 15 else 3 if len(points) >= 8 else 1], axis=-1)
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y][: _terms(count)], axis=-1)
+    design = np.einsum("kt,ij->kijt", terms, np.eye(width)).reshape(count, width, -1)
+    if columns is not None and count >= FEWEST_FOR_PLANE:
+        design = np.concatenate([design, columns / np.maximum(np.abs(columns).max(axis=(0, 1)), 1e-12)], axis=-1)
     rest = np.linalg.norm(values - np.median(values, axis=0), axis=1)
     for _ in range(8):
-        weight = 1 / (1 + (rest / max(2 * float(np.median(rest)), 1e-6)) ** 2)
-        coefficients = np.linalg.lstsq(design * weight[:, None], values * weight[:, None], rcond=None)[0]
+        weight = (1 / (1 + (rest / max(2 * float(np.median(rest)), 1e-6)) ** 2))[:, None]
+        weighted = (design * weight[..., None]).reshape(count * width, -1)
+        coefficients = np.linalg.lstsq(weighted, (values * weight).ravel(), rcond=1e-9)[0]
         rest = np.linalg.norm(values - design @ coefficients, axis=1)
     return rest
 
 
-def stays_smooth(points: np.ndarray, values: np.ndarray, usual: float | np.ndarray) -> np.ndarray:
+def _terms(count: int) -> int:
+    """How many terms of a quadratic so many features can bear."""
+    return 6 if count >= FEWEST_FOR_QUADRATIC else 3 if count >= FEWEST_FOR_PLANE else 1
+
+
+def stays_smooth(
+    points: np.ndarray, values: np.ndarray, usual: float | np.ndarray, columns: np.ndarray | None = None
+) -> np.ndarray:
     """Whether each value (k, m) fits the others (k,): within ``usual``, or six times what is common among
     them.
     """
-    rest = smooth_residuals(points, values)
+    rest = smooth_residuals(points, values, columns)
     return rest < np.maximum(6 * float(np.median(rest)), usual)

@@ -13,6 +13,7 @@ from scipy.signal import fftconvolve
 from fisheye_ep_calib.target.cells import extrapolate
 
 # The four rotations of a square lattice; a reflection would mean looking at the board from behind.
+SLACK = 0.07
 ROTATIONS = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]])
 
 
@@ -42,13 +43,15 @@ def label_patch(
     lattice: np.ndarray,
     allowed: Callable[[Placement], float] | None = None,
     is_plain: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+    least: float | None = None,
 ) -> Labels:
     """Lay a patch onto the target's lattice.
 
     cells (k, 2) int: the patch's lattice coordinates, of the handedness of (u, v). pixels (k, 2). lattice (n,
     2) int: the target's. allowed: marks a placement by what the image says of identity (colours, holes);
     higher is better, −inf is impossible. is_plain(pixels (m, 2), scale (m,)): whether the image is plain
-    board there, m sites next to the patch.
+    board there, m sites next to the patch. least: the target has an identity: what the best placement must have
+    of it at least, and clearly more than all others; else nothing is labelled.
 
     The most points win, then identity, then the placement that expects no feature where the image shows plain
     board. What is still ambiguous is settled by the target's x axis pointing to the right in the image.
@@ -56,24 +59,41 @@ def label_patch(
     low = lattice.min(axis=0)
     table = np.full(lattice.max(axis=0) - low + 1, -1)
     table[tuple((lattice - low).T)] = np.arange(len(lattice))
-    placements, overlap = _overlaps(cells, table >= 0, low)
+    unknown = Labels(np.full(len(cells), -1))
+    # Where identity decides, a blob too many must not.
+    slack = 0 if least is None else int(SLACK * len(cells))
+    placements, overlap = _overlaps(cells, table >= 0, low, slack)
     best = max(overlap, default=0)
     if best == 0:
-        return Labels(np.full(len(cells), -1))
+        return unknown
     plain = _plain_sites(cells, pixels, is_plain)
     ranked = []
     for placement, count in zip(placements, overlap, strict=True):
-        if count < best:
+        if count < best - slack:
             continue
         identity = allowed(placement) if allowed else 0.0
         if np.isneginf(identity):
             continue
         contradictions = int((_look_up(table, placement(plain) - low) >= 0).sum())
-        ranked.append((identity, -contradictions, _rightward(cells, pixels, placement), placement))
+        first = identity - (0 if least is None else contradictions)
+        ranked.append(
+            ((first, identity, count, -contradictions, _rightward(cells, pixels, placement)), placement)
+        )
     if not ranked:
-        return Labels(np.full(len(cells), -1))
-    placement = max(ranked, key=lambda entry: entry[:3])[3]
+        return unknown
+    ranked.sort(key=lambda entry: entry[0], reverse=True)
+    if least is not None and not _settled([order for order, _ in ranked], least):
+        return unknown
+    placement = ranked[0][1]
     return Labels(_look_up(table, placement(cells) - low))
+
+
+def _settled(orders: list[tuple[float, ...]], least: float) -> bool:
+    """Whether the best of the placements, (identity less contradictions, identity, …), is the only one possible."""
+    if orders[0][1] < least:
+        return False
+    rivals = orders[1:]
+    return all(orders[0][0] >= rival[0] + 2 or orders[0][1] >= rival[1] + 1 for rival in rivals)
 
 
 def _look_up(table: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -82,8 +102,10 @@ def _look_up(table: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return np.where(inside, table[tuple(clipped.T)], -1)
 
 
-def _overlaps(cells: np.ndarray, mask: np.ndarray, low: np.ndarray) -> tuple[list[Placement], list[int]]:
-    """Every rotation and shift with the number of the patch's cells that fall on the target."""
+def _overlaps(
+    cells: np.ndarray, mask: np.ndarray, low: np.ndarray, slack: int
+) -> tuple[list[Placement], list[int]]:
+    """For every rotation the shifts that put the most of the patch's cells, less ``slack``, on the target; how many."""
     placements, counts = [], []
     for rotation in ROTATIONS:
         turned = cells @ rotation.T
@@ -92,10 +114,10 @@ def _overlaps(cells: np.ndarray, mask: np.ndarray, low: np.ndarray) -> tuple[lis
         patch[tuple((turned - corner).T)] = 1
         # Correlation: overlap[s] counts cells c with mask[c - corner + s - (patch.shape - 1)].
         overlap = np.rint(fftconvolve(mask.astype(float), patch[::-1, ::-1], mode="full")).astype(int)
-        for index in np.argwhere(overlap == overlap.max()):
+        for index in np.argwhere(overlap >= max(overlap.max() - slack, 1)):
             shift = index - (np.array(patch.shape) - 1) - corner + low
             placements.append(Placement(rotation, shift))
-            counts.append(int(overlap.max()))
+            counts.append(int(overlap[tuple(index)]))
     return placements, counts
 
 

@@ -86,6 +86,16 @@ class PixelPatches:
         """Means over each patch's kept pixels (p,) bool, (d,); 0 where none is kept."""
         return self.sum(values * kept) / np.maximum(self.sum(kept), 1)
 
+    def quantile(self, values: np.ndarray, kept: np.ndarray, share: float) -> np.ndarray:
+        """The value (d,) that ``share`` of each patch's kept pixels (p,) bool do not reach; 0 where none is kept."""
+        owner, some = self.owner[kept], values[kept]
+        count = np.bincount(owner, minlength=len(self))
+        order = np.lexsort((some, owner))
+        place = np.cumsum(count) - count + (share * np.maximum(count - 1, 0)).astype(np.int64)
+        found = np.zeros(len(self))
+        found[count > 0] = some[order[place[count > 0]]]
+        return found
+
 
 def fit_planes(
     patches: PixelPatches, weight: np.ndarray, prior: np.ndarray, strength: np.ndarray
