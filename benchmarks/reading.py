@@ -5,8 +5,8 @@
 
 ``make`` renders two cameras of 2048² before a board that is moved by hand, one MCAP of 2 × 4 MiB a frame (16.8 GB).
 ``run`` compares, from a cold cache, a plain AnyReader pass with opening the recording and reading the images that are
-chosen; times the search with one worker and two; and reports the memory. With ``--all`` it also looks at every image
-and compares the E(θ) of both.
+chosen; times the search with one worker and two, by turns; and reports the memory. With ``--all`` it also looks at
+every image and compares the E(θ) of both.
 """
 
 from __future__ import annotations
@@ -18,9 +18,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
-from scipy.interpolate import CubicSpline
 
 from fisheye_ep_calib import calibrate
 from fisheye_ep_calib.collection import Collector, FrameChoice
@@ -44,6 +41,8 @@ RATE = 30.0
 
 def handheld_poses(frames: int, seed: int, nearest: float = 0.08, farthest: float = 0.5) -> np.ndarray:
     """Poses (frames, 4, 4) of a board moved smoothly from place to place, a new one every 1.5 s."""
+    from scipy.interpolate import CubicSpline  # not above: every worker process imports this file's head
+
     rng = np.random.default_rng([seed, 7])
     places = int(frames / RATE / 1.5) + 4
     theta, azimuth = np.radians(85 * np.sqrt(rng.uniform(size=places))), rng.uniform(0, 2 * np.pi, places)
@@ -94,6 +93,9 @@ def forget_cache(path: Path) -> None:
 
 
 def plain_pass(path: Path) -> float:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
     started = time.perf_counter()
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         count = sum(1 for _ in reader.messages())
@@ -134,15 +136,17 @@ def run(path: Path, look_at_all: bool) -> None:
     print(f"opening and reading what was chosen: {reading:.2f} s, {reading / plain:.3f} of the plain pass")
     for one in runs.values():
         print(f"  {one.summary()}")
-    timed = {}
-    for workers in (1, 2, 4):
-        again, timed[workers], _ = search(path, workers, FrameChoice())
+    timed: dict[int, list[float]] = {}
+    for workers in (1, 2, 1, 2, 4):
+        again, seconds, _ = search(path, workers, FrameChoice())
+        timed.setdefault(workers, []).append(seconds)
         same = all(
             observations_of(again[topic]).pixels.tobytes() == observations_of(runs[topic]).pixels.tobytes()
             for topic in TOPICS
         )
-        print(f"{workers} workers: {timed[workers]:.2f} s, same result: {same}")
-    print(f"two workers are {timed[1] / timed[2]:.2f} × one (start of the processes included)")
+        print(f"{workers} workers: {seconds:.2f} s, same result: {same}")
+    ratios = [f"{one / two:.2f}" for one, two in zip(timed[1], timed[2], strict=True)]
+    print(f"two workers are {' and '.join(ratios)} × one (opening and the start of the processes included)")
     own, child = (resource.getrusage(who).ru_maxrss / 1e6 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     print(f"peak memory: {own:.2f} GB here and at most {child:.2f} GB in each worker")
     theta = np.radians(np.arange(10, 91, 10))

@@ -24,7 +24,7 @@ from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.detection import Detector
 
 PACKAGE = "fisheye_ep_calib[cluster]"
-CONNECT_SECONDS = 8
+CONNECT_SECONDS = 7
 ANSWER_SECONDS = 60  # for a cluster without workers, or out of reach, before it is given up
 CHECK_SECONDS = 2
 QUEUED_A_THREAD = 3
