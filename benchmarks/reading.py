@@ -1,12 +1,13 @@
 """Calibrating from a long recording: what reading costs, and what looking at few images loses.
 
     python benchmarks/reading.py make /tmp/two_cameras.mcap [--frames 2000]
-    python benchmarks/reading.py run  /tmp/two_cameras.mcap [--all]
+    python benchmarks/reading.py run  /tmp/two_cameras.mcap
+    python benchmarks/reading.py all  /tmp/two_cameras.mcap
 
 ``make`` renders two cameras of 2048² before a board that is moved by hand, one MCAP of 2 × 4 MiB a frame (16.8 GB).
 ``run`` compares, from a cold cache, a plain AnyReader pass with opening the recording and reading the images that are
-chosen; times the search with one worker and two, by turns; and reports the memory. With ``--all`` it also looks at
-every image and compares the E(θ) of both.
+chosen; times the search with one worker and two, by turns; and reports the memory. ``all`` looks at every image, and
+compares its E(θ) with that of the images that are chosen.
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ def pupil_band(result, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return camera.entrance_pupil(theta), np.sqrt(np.einsum("it,ij,jt->t", basis, covariance, basis))
 
 
-def run(path: Path, look_at_all: bool) -> None:
+def run(path: Path) -> None:
     forget_cache(path)
     plain = plain_pass(path)
     forget_cache(path)
@@ -149,18 +150,22 @@ def run(path: Path, look_at_all: bool) -> None:
     print(f"two workers are {' and '.join(ratios)} × one (opening and the start of the processes included)")
     own, child = (resource.getrusage(who).ru_maxrss / 1e6 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     print(f"peak memory: {own:.2f} GB here and at most {child:.2f} GB in each worker")
+
+
+def look_at_all(path: Path) -> None:
     theta = np.radians(np.arange(10, 91, 10))
+    runs, seconds, _ = search(path, 2, FrameChoice())
+    print(f"chosen images, two workers: {seconds:.1f} s")
     few = {topic: calibrate(observations_of(one), "ep_odd") for topic, one in runs.items()}
     report(few, theta, "chosen images")
-    if look_at_all:
-        every, seconds, _ = search(path, 2, FrameChoice(every=1))
-        print(f"all images, two workers: {seconds:.1f} s")
-        full = {topic: calibrate(observations_of(one), "ep_odd") for topic, one in every.items()}
-        report(full, theta, "all images")
-        for topic in TOPICS:
-            (pupil, band), (pupil_all, band_all) = pupil_band(few[topic], theta), pupil_band(full[topic], theta)
-            print(f"{topic}: |E − E of all| / 2σ of all: {np.round(np.abs(pupil - pupil_all) / (2 * band_all), 2)}")
-            print(f"{topic}: σ / σ of all: {np.round(band / band_all, 2)}")
+    every, seconds, _ = search(path, 2, FrameChoice(every=1))
+    print(f"all images, two workers: {seconds:.1f} s")
+    full = {topic: calibrate(observations_of(one), "ep_odd") for topic, one in every.items()}
+    report(full, theta, "all images")
+    for topic in TOPICS:
+        (pupil, band), (pupil_all, band_all) = pupil_band(few[topic], theta), pupil_band(full[topic], theta)
+        print(f"{topic}: |E − E of all| / 2σ of all: {np.round(np.abs(pupil - pupil_all) / (2 * band_all), 2)}")
+        print(f"{topic}: σ / σ of all: {np.round(band / band_all, 2)}")
 
 
 def report(results, theta: np.ndarray, what: str) -> None:
@@ -173,15 +178,16 @@ def report(results, theta: np.ndarray, what: str) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("make", "run"))
+    parser.add_argument("what", choices=("make", "run", "all"))
     parser.add_argument("bag", type=Path)
     parser.add_argument("--frames", type=int, default=2000)
-    parser.add_argument("--all", action="store_true", help="look at every image, too")
     arguments = parser.parse_args()
     if arguments.what == "make":
         make(arguments.bag, arguments.frames)
+    elif arguments.what == "run":
+        run(arguments.bag)
     else:
-        run(arguments.bag, arguments.all)
+        look_at_all(arguments.bag)
 
 
 if __name__ == "__main__":

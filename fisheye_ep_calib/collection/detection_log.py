@@ -29,7 +29,7 @@ FORMAT = 2
 class DetectionLog:
     """One line of JSON an image. A line that a crash left unfinished is dropped.
 
-    known: (topic, image) → what an earlier run saw. images: how many it holds. holds_views: the target was found in
+    known: (topic, image) → what an earlier run saw; what could not be read may be readable by now. images: how many it holds. holds_views: the target was found in
     some of them.
     """
 
@@ -65,7 +65,8 @@ class DetectionLog:
         good = 0
         if lines:
             self._check(lines[0], key)
-            self.known, whole = _parse(lines[1:])
+            seen, whole = _parse(lines[1:])
+            self.known = {image: result for image, result in seen.items() if not result.error}
             good = sum(len(line) + 1 for line in lines[: 1 + whole])
             self.images = len(self.known)
             self.holds_views = any(result.found for result in self.known.values())

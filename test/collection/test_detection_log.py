@@ -74,3 +74,33 @@ def test_the_log_is_removed_once_it_is_not_needed(tmp_path):
         assert log.exists()
         collector.forget()
     assert not log.exists()
+
+
+def test_what_could_not_be_read_is_looked_at_again(tmp_path):
+    folder = write_folder(tmp_path / "front", PICTURES)
+    log = tmp_path / "detections.jsonl"
+    whole = collect(folder)
+    content = (folder / "frame4.png").read_bytes()
+    (folder / "frame4.png").write_bytes(b"not there yet")
+    assert collect(folder, log=log).bad_frames == 1
+    (folder / "frame4.png").write_bytes(content)
+    again = collect(folder, log=log, resume=True)
+    assert again.bad_frames == 0 and again.unused == whole.unused
+
+
+def test_two_runs_at_once_do_not_share_a_log(tmp_path):
+    folder = write_folder(tmp_path / "front", PICTURES)
+    log = tmp_path / "detections.jsonl"
+    with open_recording(folder) as recording, Collector(recording, TARGET, log=log) as collector:
+        collector.collect(["front"])
+        with pytest.raises(InputError, match="in use by another run"):
+            collect(folder, log=log, resume=True)
+    assert len(collect(folder, log=log, resume=True).frames) == 12
+
+
+def test_images_of_another_folder_are_not_taken_for_these(tmp_path):
+    """Image files have no time: their paths tell them apart."""
+    log = tmp_path / "detections.jsonl"
+    collect(write_folder(tmp_path / "a" / "front", PICTURES), log=log)
+    with pytest.raises(InputError, match="another recording"):
+        collect(write_folder(tmp_path / "b" / "front", PICTURES), log=log, resume=True)
