@@ -32,7 +32,7 @@ USUAL_ERROR = 0.08
 # Of an offset from the prediction, the share that may vary from feature to feature.
 MODEL_ERROR = 0.08
 # Of what a disc's radius exceeds this many pixels, the share that its centre may be off.
-SIZE_ERROR, LARGE = 0.003, 30.0
+SIZE_ERROR, LARGE = 0.005, 20.0
 
 
 @dataclass(frozen=True)

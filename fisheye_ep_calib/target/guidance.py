@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
 
 BOUNDARY = 12
+FARTHER = 0.15  # rad
 FEWEST_FOR_PLANE, FEWEST_FOR_QUADRATIC = 8, 15
 
 
@@ -25,10 +26,20 @@ class Prediction:
     visible: np.ndarray
 
 
+def beyond_evidence(camera: FisheyeCamera) -> FisheyeCamera:
+    """The camera, believed a little beyond the largest angle that it was calibrated at: features farther out are to be
+    found now. Other cameras as they are.
+    """
+    if not isinstance(camera, FisheyeCamera):
+        return camera
+    return replace(camera, theta_max=min(camera.theta_max + FARTHER, np.pi))
+
+
 def predict(
     camera: FisheyeCamera, camera_from_target: np.ndarray, points: np.ndarray, image_shape: tuple[int, ...]
 ) -> Prediction:
     """Project a target's points (n, 3), metres, at a pose (4, 4)."""
+    camera = beyond_evidence(camera)
     rotation, translation = camera_from_target[:3, :3], camera_from_target[:3, 3]
     in_camera = points @ rotation.T + translation
     pixels, valid, d_point, _ = camera.project_with_jacobian(in_camera)
@@ -95,6 +106,7 @@ def pose_columns(camera: FisheyeCamera, camera_from_target: np.ndarray, points: 
 
     d(R P + T) = ω × (R P) + τ. Zero where the camera has no pixel.
     """
+    camera = beyond_evidence(camera)
     turned = points @ camera_from_target[:3, :3].T
     _, valid, d_point, _ = camera.project_with_jacobian(turned + camera_from_target[:3, 3])
     x, y, z = turned.T
@@ -114,9 +126,11 @@ def smooth_residuals(points: np.ndarray, values: np.ndarray, columns: np.ndarray
     count, width = values.shape
     centred = points[:, :2] - points[:, :2].mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y][: _terms(count)], axis=-1)
+    by_columns = columns is not None and count >= FEWEST_FOR_PLANE
+    chosen = 6 if count >= FEWEST_FOR_QUADRATIC else 3 if count >= FEWEST_FOR_PLANE and not by_columns else 1
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y][:chosen], axis=-1)
     design = np.einsum("kt,ij->kijt", terms, np.eye(width)).reshape(count, width, -1)
-    if columns is not None and count >= FEWEST_FOR_PLANE:
+    if columns is not None and by_columns:
         design = np.concatenate([design, columns / np.maximum(np.abs(columns).max(axis=(0, 1)), 1e-12)], axis=-1)
     rest = np.linalg.norm(values - np.median(values, axis=0), axis=1)
     for _ in range(8):
@@ -125,11 +139,6 @@ def smooth_residuals(points: np.ndarray, values: np.ndarray, columns: np.ndarray
         coefficients = np.linalg.lstsq(weighted, (values * weight).ravel(), rcond=1e-9)[0]
         rest = np.linalg.norm(values - design @ coefficients, axis=1)
     return rest
-
-
-def _terms(count: int) -> int:
-    """How many terms of a quadratic so many features can bear."""
-    return 6 if count >= FEWEST_FOR_QUADRATIC else 3 if count >= FEWEST_FOR_PLANE else 1
 
 
 def stays_smooth(
