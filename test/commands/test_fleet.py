@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import multiprocessing
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -115,6 +117,23 @@ def test_ctrl_c_ends_all_devices_and_the_same_command_goes_on(fleet, tmp_path):
     assert rows["unit0"]["status"] == "done" and rows["unit5"]["reason"] == "not calibrated yet"
     folders = {path.name for path in (tmp_path / "out").iterdir() if path.is_dir()}
     assert folders <= {"logs", "unit0", "unit1"} and not list((tmp_path / "out").rglob("*unfinished"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_a_device_whose_process_is_killed_costs_no_other(command, fleet, tmp_path):
+    def kill_first():
+        while not (children := multiprocessing.active_children()):
+            time.sleep(0.01)
+        os.kill(children[0].pid, signal.SIGKILL)
+
+    (tmp_path / "list").write_text(f"{fleet / 'unit0.npz'}\n{fleet / 'unit1.npz'}\n")
+    killer = threading.Thread(target=kill_first)
+    killer.start()
+    ended = command("calibrate-fleet", "list", "--output", "out", *OPTIONS)
+    killer.join()
+    rows = table(tmp_path / "out")
+    assert ended.code == 1 and rows["unit1"]["status"] == "done"
+    assert "its process ended with code -9; see out/logs/unit0.txt" in rows["unit0"]["reason"]
 
 
 def test_what_is_no_fleet_is_refused_in_one_line(command, fleet, recording, tmp_path):
