@@ -10,7 +10,7 @@ from fisheye_ep_calib.target.charuco_detector import finish
 from fisheye_ep_calib.target.corner_guidance import find_guided
 from fisheye_ep_calib.target.corner_measurement import Surroundings
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.marker_board import complete_corners, corners_by_markers
+from fisheye_ep_calib.target.marker_board import MANY_MARKERS, complete_corners, corners_by_markers
 from fisheye_ep_calib.target.marker_detection import find_markers
 from fisheye_ep_calib.target.sharpness import why_not
 
@@ -46,8 +46,10 @@ class AprilGridDetector:
         if len(markers.identity) == 0:
             return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)
         size = self.target.tag_size
+        # Of few tags each has to tell more.
+        reach = 0.72 if len(markers.identity) >= MANY_MARKERS else 1.6
         start, jacobian, known = corners_by_markers(
-            self.marker_points[markers.identity], markers.corners, self.points, 0.72 * size
+            self.marker_points[markers.identity], markers.corners, self.points, reach * size
         )
         pixels, found = complete_corners(image, self.points, start, jacobian, known, self.around, size)
         return finish(image, self.points, pixels, found, start[known & ~found], "tag corners")

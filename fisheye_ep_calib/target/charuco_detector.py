@@ -8,7 +8,7 @@ from fisheye_ep_calib.target.aruco import aruco_dictionary
 from fisheye_ep_calib.target.corner_guidance import find_guided
 from fisheye_ep_calib.target.corner_measurement import Surroundings
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.marker_board import complete_corners, corners_by_markers
+from fisheye_ep_calib.target.marker_board import MANY_MARKERS, complete_corners, corners_by_markers
 from fisheye_ep_calib.target.marker_detection import find_markers
 from fisheye_ep_calib.target.sharpness import why_not
 
@@ -39,8 +39,10 @@ class CharucoDetector:
         markers = find_markers(image, self.dictionary, 1, len(self.marker_points), "a ChArUco board")
         if len(markers.identity) == 0:
             return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)
+        # Of few markers each has to tell more.
+        reach = 0.8 if len(markers.identity) >= MANY_MARKERS else 1.7
         start, jacobian, known = corners_by_markers(
-            self.marker_points[markers.identity], markers.corners, self.points, 0.8 * self.target.spacing
+            self.marker_points[markers.identity], markers.corners, self.points, reach * self.target.spacing
         )
         pixels, found = complete_corners(
             image, self.points, start, jacobian, known, self.around, self.target.spacing

@@ -10,7 +10,10 @@ from scipy.spatial import cKDTree
 from fisheye_ep_calib.target.corner_measurement import Surroundings, measure_corners
 
 MOST_ROUNDS = 12
+MANY_MARKERS = 4
+MOST_TRIES = 3
 NEAR = 8
+SAME_PLACE = 0.05
 
 
 def corners_by_markers(
@@ -66,7 +69,7 @@ def complete_corners(
     of neighbouring features, metres. Returns pixels (n, 2) and whether each was found (n,).
     """
     pixels, found = pixels.copy(), np.zeros(len(points), dtype=bool)
-    tried = np.zeros(len(points), dtype=bool)
+    tries = np.zeros(len(points), dtype=int)
     fresh = np.flatnonzero(known)
     for number in range(MOST_ROUNDS):
         if len(fresh) == 0:
@@ -75,10 +78,11 @@ def complete_corners(
         measured, good = measure_corners(image, pixels[fresh], jacobian[fresh], bend, around[fresh])
         pixels[fresh[good]] = measured[good]
         found[fresh[good]] = True
-        tried[fresh] = number > 0
+        tries[fresh] += number > 0
         if found.sum() < NEAR:
             break
-        pixels, jacobian, fresh = _next_round(points, pixels, jacobian, found, tried, step)
+        pixels, jacobian, fresh = _next_round(points, pixels, jacobian, found, tries >= MOST_TRIES, step)
+    found = _one_name_each(pixels, found, jacobian, step)
     if found.sum() >= NEAR:
         found = _consistent(points, pixels, found)
         found &= _measure_again(image, points, pixels, found, around)
@@ -96,6 +100,18 @@ def _next_round(points, pixels, jacobian, found, tried, step: float):
         local = local_quadratics(points[found], pixels[found], points[fresh])
         pixels[fresh], jacobian[fresh] = local[0], local[1]
     return pixels, jacobian, fresh
+
+
+def _one_name_each(pixels: np.ndarray, found: np.ndarray, jacobian: np.ndarray, step: float) -> np.ndarray:
+    """The found features (n,) without those that lie where another one was found too."""
+    index = np.flatnonzero(found)
+    found = found.copy()
+    if len(index) < 2:
+        return found
+    distance, near = cKDTree(pixels[index]).query(pixels[index], k=2)
+    pitch = step * np.sqrt(np.abs(np.linalg.det(jacobian[index])))
+    found[index[distance[:, 1] < np.maximum(SAME_PLACE * pitch, 1.0)]] = False
+    return found
 
 
 def _consistent(points: np.ndarray, pixels: np.ndarray, found: np.ndarray) -> np.ndarray:

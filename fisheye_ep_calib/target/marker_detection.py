@@ -12,6 +12,9 @@ from fisheye_ep_calib.target.aruco import require_aruco
 SEARCH_SIDE = 1400
 MOSTLY_FOUND = 0.9
 SMALLEST_CELL = 1.4
+FEW = 6
+LARGEST_DOUBLED = 1100
+SHARPENING = ((1.5, 1.5), (3.0, 3.0))
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,9 @@ def find_markers(image: np.ndarray, dictionary, border: int, known: int, what: s
         found.append(_run(module.ArucoDetector(dictionary, settings), image, factor))
         if len(np.intersect1d(found[-1][0], np.arange(known))) >= MOSTLY_FOUND * known:
             break
+    if len(np.unique(np.concatenate([part[0] for part in found]))) < min(FEW, known):
+        settings.minMarkerPerimeterRate = min(4 * SMALLEST_CELL * cells / max(image.shape), 0.5)
+        found += _run_sharpened(module.ArucoDetector(dictionary, settings), image)
     identity, corners, rejected = (np.concatenate(parts) for parts in zip(*found, strict=True))
     keep = np.zeros(len(identity), dtype=bool)
     for number in np.unique(identity[identity < known]):
@@ -80,6 +86,19 @@ def _run(finder, image: np.ndarray, factor: int) -> tuple[np.ndarray, np.ndarray
     corners = np.asarray(corners, dtype=float).reshape(-1, 4, 2)
     middles = np.asarray(rejected, dtype=float).reshape(-1, 4, 2).mean(axis=1)
     return np.ravel(identity).astype(int), _full_size(corners, factor), _full_size(middles, factor)
+
+
+def _run_sharpened(finder, image: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """What is found once the blur is taken back: twice as large, where that is no huge image, and steeper."""
+    scale = 2 if max(image.shape) <= LARGEST_DOUBLED else 1
+    large = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC) if scale > 1 else image
+    parts = []
+    for sigma, amount in SHARPENING:
+        soft = cv2.GaussianBlur(large, (0, 0), 0.4 * sigma * scale)
+        steep = cv2.addWeighted(soft, 1 + amount, cv2.GaussianBlur(large, (0, 0), sigma * scale), -amount, 0)
+        identity, corners, rejected = _run(finder, steep, 1)
+        parts.append((identity, (corners + 0.5) / scale - 0.5, (rejected + 0.5) / scale - 0.5))
+    return parts
 
 
 def _full_size(pixels: np.ndarray, factor: int) -> np.ndarray:

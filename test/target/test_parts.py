@@ -11,6 +11,7 @@ from fisheye_ep_calib.target.cells import extrapolate, line_residuals
 from fisheye_ep_calib.target.disc_measurement import measure_discs
 from fisheye_ep_calib.target.labelling import label_patch
 from fisheye_ep_calib.target.lattice import grow_lattices
+from fisheye_ep_calib.target.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
 from fisheye_ep_calib.target.marker_board import local_quadratics
 from fisheye_ep_calib.target.saddle_fit import fit_saddles
 
@@ -154,3 +155,28 @@ def test_a_disc_is_measured_where_it_is(radii, hole):
     assert found.good[0]
     assert np.hypot(*(found.center[0] - place)) < 0.03
     assert found.blur[0] == pytest.approx(0.9, abs=0.25)
+
+
+def test_a_diagonal_part_of_a_lattice_is_known_as_one():
+    cells = grid(9, 7)
+    part = cells[cells.sum(axis=1) % 2 == 0]
+    turned = np.stack([(part[:, 0] + part[:, 1]) // 2, (part[:, 1] - part[:, 0]) // 2], axis=-1)
+    assert is_every_second(turned, bent(part), bent(cells))
+    assert not is_every_second(cells, bent(cells), bent(cells))
+
+
+def test_discs_are_rulers_of_their_lattice():
+    cells = grid(8, 6)
+    step = 1e-4
+    sides = [(bent(cells + side) - bent(cells)) / step for side in ([step, 0], [0, step])]
+    jacobian = np.stack(sides, axis=-1)
+    shape = jacobian @ np.swapaxes(jacobian, 1, 2) / 9
+    assert is_disc_lattice(cells, bent(cells), shape, ratio=3.0)
+    assert is_disc_lattice(cells, bent(cells), shape, ratio=None)
+    assert not is_disc_lattice(cells, bent(cells), shape, ratio=3.0 * np.sqrt(2))
+    line = cells[:, 1] == 0
+    assert not is_disc_lattice(cells[line], bent(cells[line]), shape[line], ratio=3.0)
+    center = bent(cells)
+    center[20] = center[21] + 0.5
+    wrong = ~fits_neighbours(cells, center, shape)
+    assert wrong[20] and wrong.sum() <= 2

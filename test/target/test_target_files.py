@@ -150,3 +150,12 @@ def test_aruco_targets_say_what_is_missing(monkeypatch):
         if target.kind in ("charuco", "aprilgrid"):
             with pytest.raises(InputError, match=r"needs cv2.aruco.*pip install"):
                 target.detector()
+
+
+def test_a_circle_grid_without_a_radius_is_told_to_be_biased(caplog):
+    keys = {"target_type": "circlegrid", "targetCols": 6, "targetRows": 5, "spacingMeters": 0.018}
+    parse_target(keys, "kalibr.yaml")
+    assert ["kalibr.yaml" in record.message and "add radius" in record.message for record in caplog.records] == [True]
+    caplog.clear()
+    assert parse_target({**keys, "radius": 0.006}).disc_radius == 0.006
+    assert not caplog.records
