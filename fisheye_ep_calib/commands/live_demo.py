@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import json
 import os
 import signal
 import subprocess
@@ -24,6 +25,9 @@ NODE = "calibrator"
 START_SECONDS = 60.0
 CALIBRATE_SECONDS = 120.0
 END_SECONDS = 15.0
+SETTLE_SECONDS = 2.5  # after which the last images have been looked at, and the status says so
+ENOUGH_VIEWS = 20  # of each camera; a busy machine looks at fewer of the images, so they are played again
+MOST_TIMES = 4
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ def why_not_live() -> str:
 def play_to_calibrator(
     bag: Path, cameras: Sequence[str], target_file: Path, folder: Path, model: str, say: Callable[[str], None]
 ) -> LiveRun:
-    """Start the node, play the bag to it at the speed it was recorded, have it calibrate, and end it.
+    """Start the node, play the bag to it at the speed it was recorded until it has views enough, have it calibrate.
 
     The node writes into ``folder``/live and its log into ``folder``/calibrator.log. It runs in a DDS domain of its
     own that does not leave this machine. Raises CalibrationError where the node fails.
@@ -65,6 +69,12 @@ def play_to_calibrator(
         _wait(player.connected, START_SECONDS, "the node to listen", process, log)
         say(f"node {NODE} listens; playing {bag.name}")
         player.play(bag, lambda: _check(process, log))
+        for _ in range(MOST_TIMES - 1):
+            if min(player.views.values()) >= ENOUGH_VIEWS:
+                break
+            kept = ", ".join(f"{name} {views}" for name, views in player.views.items())
+            say(f"views kept so far: {kept}; playing it again")
+            player.play(bag, lambda: _check(process, log))
         say(f"calling /{NODE}/calibrate")
         answer = player.calibrate()
         _wait(answer.done, CALIBRATE_SECONDS, "the calibration", process, log)
@@ -131,6 +141,7 @@ class _Player:
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import CameraInfo, Image
+        from std_msgs.msg import String
         from std_srvs.srv import Trigger
 
         self._context = rclpy.Context()
@@ -142,6 +153,8 @@ class _Player:
             for camera in cameras
         }
         self.infos: dict[str, Any] = {}
+        self.views = dict.fromkeys(cameras, 0)  # that the node has kept
+        self._node.create_subscription(String, f"/{NODE}/status", self._receive_status, quality)
         for camera in cameras:
             self._node.create_subscription(
                 CameraInfo, f"/{camera}/camera_info", partial(self._receive, camera), quality
@@ -171,6 +184,10 @@ class _Player:
     def _receive(self, camera: str, info: Any) -> None:
         self.infos[camera] = info
 
+    def _receive_status(self, status: Any) -> None:
+        for name, camera in json.loads(status.data)["cameras"].items():
+            self.views[name] = camera["views"]
+
     def connected(self) -> bool:
         """Whether the calibrator listens to every camera and serves."""
         listening = all(publisher.get_subscription_count() for publisher in self._publishers.values())
@@ -188,7 +205,7 @@ class _Player:
                     began, first = time.monotonic(), message.log_time
                 time.sleep(max(0.0, began + (message.log_time - first) * 1e-9 - time.monotonic()))
                 self._publishers[channel.topic].publish(message.data)
-        time.sleep(1.0)  # the last images are on their way or being looked at
+        time.sleep(SETTLE_SECONDS)
 
     def calibrate(self) -> Any:
         """Call the node's service; a future."""

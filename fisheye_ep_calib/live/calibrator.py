@@ -19,7 +19,7 @@ from fisheye_ep_calib.live.rig_session import RigSession
 from fisheye_ep_calib.live.rig_views import stamp_of
 from fisheye_ep_calib.live.session import CameraSession, Verdict
 from fisheye_ep_calib.live.settings import Settings, Tuning
-from fisheye_ep_calib.live.status import Reception, Status, camera_status, next_step
+from fisheye_ep_calib.live.status import Reception, Status, camera_status, headline, next_step
 from fisheye_ep_calib.live.work_pool import Task, WorkPool
 
 
@@ -195,7 +195,10 @@ class LiveCalibrator:
         covered = np.concatenate([view.pixels for view in views]) if views else np.empty((0, 2))
         advice = session.outcome.advice if session.outcome else None
         wanted = advice.outline if advice else np.empty((0, 2))
-        return OverlayRequest(covered, wanted, (_headline(session), next_step(session, self._tuning)))
+        lines = [headline(session), next_step(session, self._tuning)]
+        if self._rig is not None:
+            lines.append(f"rig: {self._rig.next_step}")
+        return OverlayRequest(covered, wanted, tuple(lines))
 
     def _task_failed(self, text: str) -> None:
         self._announcer.warn_once("pool", f"this should not happen: {text}")
@@ -330,13 +333,3 @@ class LiveCalibrator:
     def _not_written(self, session: CameraSession, error: CalibrationError) -> None:
         text = f"{session.name}: {error}; all stays in memory and writing is tried again"
         self._announcer.warn_once(f"{session.name} disk", text)
-
-
-def _headline(session: CameraSession) -> str:
-    outcome = session.outcome
-    text = f"{session.name}: {len(session.views)} views"
-    if outcome is None or "rms_px" not in outcome.figures:
-        return text
-    return text + ", {model}, RMS {rms_px:.3f} px, E to {band:.2g} mm".format(
-        **outcome.figures, band=outcome.pupil_band_mm
-    )

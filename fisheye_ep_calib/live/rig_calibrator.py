@@ -63,7 +63,7 @@ class RigCalibrator:
         """Calibrate where something is new, and write the files again; waits for both."""
         basis, outcome = self.session.basis(), self.session.outcome
         if self.session.uncalibrated or len(basis.joined) < 2:
-            return Answer(True, f"rig: not calibrated yet; {next_step(self.session)}")
+            return Answer(True, f"rig: not calibrated yet; {self.next_step}")
         if outcome is None or basis != self._attempted:
             return self.calibrate(stopping)
         return self._saved(outcome, again=True)
@@ -82,6 +82,11 @@ class RigCalibrator:
         if self.session.unwritten:
             self._write()
 
+    @property
+    def next_step(self) -> str:
+        """What would help most, in one sentence."""
+        return next_step(self.session)
+
     def status(self) -> Status:
         standing = self._announcer.standing()
         return rig_status(self.session, [text for key, text in standing.items() if key.partition(" ")[0] == KEY])
@@ -98,7 +103,7 @@ class RigCalibrator:
                 self._attempted = basis
             members = session.members(basis.joined)
             if len(members) < 2:
-                raise CalibrationError(next_step(session))
+                raise CalibrationError(self.next_step)
             return members, session.views.tolerance, session.unmistakable
 
         def done(outcome: RigOutcome | None, error: CalibrationError | None) -> None:
@@ -136,7 +141,7 @@ class RigCalibrator:
         if not self._write(again):
             return Answer(False, "rig: not written; it stays in memory and writing is tried again")
         apart = [name for name in self.session.names if name not in outcome.figures["cameras"]]
-        missing = f"; not joined: {', '.join(apart)}; {next_step(self.session)}" if apart else ""
+        missing = f"; not joined: {', '.join(apart)}; {self.next_step}" if apart else ""
         return Answer(not apart, f"rig: {outcome.summary}, in {self.session.rig_file}{missing}")
 
     def _write(self, again: bool = False) -> bool:

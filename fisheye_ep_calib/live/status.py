@@ -106,3 +106,14 @@ def next_step(session: CameraSession, tuning: Tuning) -> str:
     if outcome.pupil_band_mm <= goal_mm:
         return f"the entrance pupil is known to {outcome.pupil_band_mm:.2g} mm, the goal: save, or go on"
     return outcome.advice.sentence
+
+
+def headline(session: CameraSession) -> str:
+    """What there is so far, in a few words."""
+    outcome = session.outcome
+    text = f"{session.name}: {len(session.views)} views"
+    if outcome is None or "rms_px" not in outcome.figures:
+        return text
+    return text + ", {model}, RMS {rms_px:.3f} px, E to {band:.2g} mm".format(
+        **outcome.figures, band=outcome.pupil_band_mm
+    )
