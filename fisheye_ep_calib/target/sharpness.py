@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-LONGEST_SIDE = 1000
+LONGEST_SIDE = 1400
 FINE, COARSE = 1.5, 3.0
-STRONGEST = 0.995
+STRONGEST = 0.998
 LEAST_CONTRAST = 3.0
 MOST_BLUR = 4.5
 
@@ -22,7 +22,7 @@ def edge_blur(image: np.ndarray) -> float:
     size = max(1, image.shape[1] // factor), max(1, image.shape[0] // factor)
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     fine, coarse = (_slope(cv2.GaussianBlur(small, (0, 0), sigma)) for sigma in (FINE, COARSE))
-    strong = coarse >= max(float(np.quantile(coarse[::4, ::4], STRONGEST)), LEAST_CONTRAST)
+    strong = fine >= max(float(np.quantile(fine[::2, ::2], STRONGEST)), LEAST_CONTRAST)
     if strong.sum() < 10:
         return 0.0
     ratio = max(float(np.median(fine[strong] / coarse[strong])) ** 2, 1 + 1e-3)

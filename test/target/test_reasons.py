@@ -1,0 +1,89 @@
+"""An image without a detection says why, in words a user understands."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from fisheye_ep_calib.simulation import Imaging, look_pose, paper_camera, paper_target, render
+from fisheye_ep_calib.simulation.clutter import clutter_image
+from fisheye_ep_calib.target import parse_target
+from fisheye_ep_calib.target.sharpness import edge_blur
+
+CAMERA, DISCS = paper_camera(), paper_target()
+BOARDS = {
+    "circle_grid": DISCS,
+    "chessboard": parse_target({"type": "chessboard", "columns": 9, "rows": 6, "spacing": 0.012}),
+    "aprilgrid": parse_target(
+        {"type": "aprilgrid", "columns": 5, "rows": 4, "tag_size": 0.02, "tag_gap": 0.006}
+    ),
+    "charuco": parse_target(
+        {"type": "charuco", "columns": 9, "rows": 6, "spacing": 0.016, "marker_size": 0.012}
+    ),
+}
+
+
+@pytest.fixture(params=BOARDS)
+def board(request):
+    if request.param in ("charuco", "aprilgrid") and not hasattr(cv2, "aruco"):
+        pytest.skip("this OpenCV has no aruco")
+    return BOARDS[request.param]
+
+
+@pytest.mark.parametrize("sigma", [1.0, 3.0, 8.0, 15.0])
+@pytest.mark.parametrize("noise", [0.0, 8.0])
+def test_blur_is_measured(sigma, noise):
+    image = render(CAMERA, DISCS, look_pose(DISCS, 0.3, 0.4, 0.1), Imaging(blur=sigma, noise=noise, texture=30))
+    assert 0.5 * sigma - 0.5 < edge_blur(image) < 1.3 * sigma + 1.0
+
+
+def test_a_blurred_board(board):
+    image = render(CAMERA, board, look_pose(board, 0.3, 0.4, 0.35), Imaging(blur=18, noise=2, texture=30))
+    detection = board.detector().detect(image)
+    assert len(detection) == 0
+    assert detection.reason.startswith("blurred (σ about ")
+
+
+def test_no_board(board):
+    detection = board.detector().detect(clutter_image(3))
+    assert len(detection) == 0 and detection.reason == "board not found"
+
+
+def test_candidates_are_shown_where_no_board_is_found():
+    assert len(DISCS.detector().detect(clutter_image(0)).rejected) > 5
+
+
+def test_a_board_of_which_too_little_is_seen():
+    pose = look_pose(DISCS, 0.1, 0.4, 0.1)
+    truth = render(CAMERA, DISCS, pose)
+    seen = DISCS.detector().detect(truth)
+    # All but a patch of 2 × 3 discs is hidden.
+    patch = np.isin(seen.point_index, [24, 25, 26, 35, 36, 37])
+    low, high = seen.pixels[patch].min(axis=0) - 38, seen.pixels[patch].max(axis=0) + 38
+    image = np.full_like(truth, 90)
+    (left, top), (right, bottom) = low.astype(int), high.astype(int)
+    image[top:bottom, left:right] = truth[top:bottom, left:right]
+    detection = DISCS.detector().detect(image)
+    assert len(detection) == 0 and detection.reason == "6 of 77 discs"
+
+
+def test_a_board_whose_marks_are_hidden_is_not_guessed():
+    target = parse_target(
+        {
+            "type": "circle_grid",
+            "columns": 11,
+            "rows": 7,
+            "spacing": 0.012,
+            "radius": 0.004,
+            "holed": [[5, 3], [6, 3], [5, 2]],
+        }
+    )
+    pose = look_pose(target, 0.2, 0.4, 0.12, tilt=0.3)
+    seen = target.detector().detect(render(CAMERA, target, pose, Imaging(blur=0.8, noise=2)))
+    assert len(seen) == 77
+    middle = seen.pixels[np.isin(seen.point_index, target.holed)].mean(axis=0)
+    patch = middle + 75 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    hidden = render(CAMERA, target, pose, Imaging(blur=0.8, noise=2, occluders=(patch,)))
+    detection = target.detector().detect(hidden)
+    assert len(detection) == 0 and "discs, but not which" in detection.reason
