@@ -38,4 +38,4 @@ def _slope(image: np.ndarray) -> np.ndarray:
 def why_not(image: np.ndarray, reason: str) -> str:
     """The reason for an image without a detection, with what blur has to do with it."""
     blur = edge_blur(image)
-    return f"blurred (σ about {blur:.0f} px): {reason}" if blur > MOST_BLUR else reason
+    return f"blurred by about {blur:.0f} px: {reason}" if blur > MOST_BLUR else reason

@@ -42,7 +42,7 @@ def test_a_blurred_board(board):
     image = render(CAMERA, board, look_pose(board, 0.3, 0.4, 0.35), Imaging(blur=18, noise=2, texture=30))
     detection = board.detector().detect(image)
     assert len(detection) == 0
-    assert detection.reason.startswith("blurred (σ about ")
+    assert detection.reason.startswith("blurred by about ")
 
 
 def test_no_board(board):
