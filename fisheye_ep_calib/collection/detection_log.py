@@ -29,8 +29,8 @@ FORMAT = 2
 class DetectionLog:
     """One line of JSON an image. A line that a crash left unfinished is dropped.
 
-    known: (topic, image) → what an earlier run saw; what could not be read may be readable by now. images: how many it holds. holds_views: the target was found in
-    some of them.
+    known: (topic, image) → what an earlier run saw; what it could not read may be readable by now. images: how many the
+    log holds. holds_views: the target was found in some of them.
     """
 
     def __init__(self, path: Path, key: str, resume: bool) -> None:

@@ -1,6 +1,6 @@
 """Which images would tell most about the camera, judged before they are read.
 
-From the views so far a rough camera and their poses; between two of them the target is taken to have moved evenly.
+From the views so far a rough camera and their poses; between two of them the target is taken to have moved smoothly.
 Where it then stands tells, through the camera's Jacobians, how much an image there would narrow down E(θ) and the
 rest of the camera: the images that narrow it most are looked at next (a greedy, sequential optimal design).
 """
@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import Akima1DInterpolator
 
 from fisheye_ep_calib.calibration.fit import first_fit, sightings_of
 from fisheye_ep_calib.calibration.observations import Observations
@@ -26,6 +27,7 @@ MAX_CANDIDATES = 800
 POINTS_A_VIEW = 20  # enough to tell views apart
 # Fractions of the image height: a target that moved less repeats the same errors; its image adds nothing new.
 LEAST_MOTION = 0.006
+MOST_OVERSHOOT = 1.3  # of the nearest and the farthest distance seen
 ROUGH_FIT = 0.02  # median residual above which the rough camera is not to be trusted
 
 
@@ -92,7 +94,7 @@ def _poses_between(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Images not seen between two neighbours in ``seen`` that both have a pose, and their supposed poses.
 
-    The board turns about one axis; its middle moves evenly in direction and in the logarithm of its distance.
+    The board turns about one axis, evenly; its middle moves along a smooth curve.
     """
     number = {image: view for view, image in enumerate(images.tolist())}
     gaps = [(a, b) for a, b in zip(seen, seen[1:], strict=False) if b - a > 1 and a in number and b in number]
@@ -109,13 +111,22 @@ def _poses_between(
     turned = np.swapaxes(first[:, :3, :3], -1, -2) @ last[:, :3, :3]
     result = np.tile(np.eye(4), (len(between), 1, 1))
     result[:, :3, :3] = first[:, :3, :3] @ rotation_from_vector(share[:, None] * _rotation_vector(turned))
-    center = [pose[:, :3, :3] @ middle + pose[:, :3, 3] for pose in (first, last)]
-    distance = [np.linalg.norm(one, axis=-1, keepdims=True) for one in center]
-    direction = (1 - share[:, None]) * center[0] / distance[0] + share[:, None] * center[1] / distance[1]
-    direction /= np.linalg.norm(direction, axis=-1, keepdims=True) + 1e-12
-    far = distance[0] ** (1 - share[:, None]) * distance[1] ** share[:, None]
-    result[:, :3, 3] = far * direction - result[:, :3, :3] @ middle
+    result[:, :3, 3] = _middle_between(images, poses, between, middle) - result[:, :3, :3] @ middle
     return between, result
+
+
+def _middle_between(images: np.ndarray, poses: np.ndarray, between: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Where the board's middle supposedly is (F, 3) m: direction, log distance on Akima's curve through those known.
+
+    A hand moves smoothly: the curve foresees how near and how far out the board comes between two images.
+    """
+    center = poses[:, :3, :3] @ middle + poses[:, :3, 3]
+    distance = np.linalg.norm(center, axis=-1) + 1e-12
+    known = np.column_stack([center / distance[:, None], np.log(distance)])
+    course = Akima1DInterpolator(images, known)(between)
+    direction = course[:, :3] / (np.linalg.norm(course[:, :3], axis=-1, keepdims=True) + 1e-12)
+    overshoot = np.log(MOST_OVERSHOOT)
+    return direction * np.exp(np.clip(course[:, 3:], known[:, 3].min() - overshoot, known[:, 3].max() + overshoot))
 
 
 def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
