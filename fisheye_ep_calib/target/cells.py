@@ -9,7 +9,7 @@ import numpy as np
 
 # +x, −x, +y, −y: a direction's opposite is its neighbour in this list.
 DIRECTIONS = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-MOST_BEND = 0.03
+MOST_BEND = 0.06
 
 
 def neighbours(cells: np.ndarray) -> np.ndarray:
@@ -110,8 +110,8 @@ def smooth(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 def is_regular(cells: np.ndarray, pixels: np.ndarray) -> bool:
     """Whether a patch is a grid seen through a lens and not a chance chain of things that lie apart alike.
 
-    It needs whole lattice squares, about one to two points, and lines that bend by a small share of the pitch
-    only.
+    It needs whole lattice squares, about one to two points where nothing is missing, and lines that bend by a
+    small share of the pitch only.
     """
     beside = neighbours(cells)
     right, down = beside[:, 0], beside[:, 2]
@@ -119,7 +119,7 @@ def is_regular(cells: np.ndarray, pixels: np.ndarray) -> bool:
     rest = line_residuals(cells, pixels) / local_pitch(cells, pixels)
     known = np.isfinite(rest)
     bent = float(np.median(rest[known])) if known.sum() >= 4 else 0.0
-    return squares >= max(2, 0.3 * len(cells)) and bent < MOST_BEND
+    return squares >= max(2, 0.2 * len(cells)) and bent < MOST_BEND
 
 
 def extrapolate(

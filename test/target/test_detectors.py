@@ -34,7 +34,11 @@ def shipped(name: str, request):
 def check(target, views, share, error) -> None:
     first, second = evaluate(CAMERA, target, views)
     assert first.mislabelled == 0 and second.mislabelled == 0
-    assert first.views_found == len(views)
+    # A board whose holed discs are all hidden is not guessed.
+    holed = list(getattr(target, "holed", ()))
+    named = [view for view in views if not holed or view.visible[holed].any()]
+    assert len(named) >= 0.9 * len(views)
+    assert first.views_found >= len(named)
     assert second.share >= share
     assert second.median_error <= error
 
