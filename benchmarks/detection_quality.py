@@ -2,8 +2,8 @@
 
     PYTHONPATH=test/support python benchmarks/detection_quality.py [--seed N]
 
-The second pass of rendered views is guided by the true camera and pose, that of photographs by a calibration of what the
-first pass found. FISHEYE_EP_CALIB_DATA names the folder with the photographs; without it they are left out.
+The second pass of rendered views is guided by the true camera and pose, that of photographs by a calibration of
+what the first pass found. FISHEYE_EP_CALIB_DATA names the folder with the photographs; without it they are left out.
 """
 
 from __future__ import annotations
