@@ -11,7 +11,7 @@ from damages import DAMAGES
 
 from fisheye_ep_calib.storage.recording import open_recording
 
-RESULTS = {"camera.yaml", "calibration.json", "observations/camera.npz"}
+RESULTS = ["calibration.json", "observations/*.npz", "*.yaml"]  # a damaged topic gives the camera another name
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,8 @@ def calibrate_damaged(command, recording, tmp_path, path) -> int:
     out = tmp_path / "out" / path.name
     hidden = [left for left in tmp_path.rglob(".*")]
     if ended.code == 0:
-        assert {str(file.relative_to(out)) for file in out.rglob("*") if file.is_file()} == RESULTS and not hidden
+        written = sum(file.is_file() for file in out.rglob("*"))
+        assert [len(list(out.glob(one))) for one in RESULTS] == [1, 1, 1] and written == 3 and not hidden
         return 0
     assert ended.code in (1, 2) and ended.out == ""
     last = ended.err.splitlines()[-1]
