@@ -72,7 +72,7 @@ def test_damaged_recordings_end_in_a_result_or_one_line(command, recording, whol
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["mcap", "db3", "bag"])
 def test_hundreds_of_damaged_recordings_end_in_a_result_or_one_line(command, recording, whole, tmp_path, form):
-    damage_many(command, recording, whole, tmp_path, form, trials=120, seed=1)
+    damage_many(command, recording, whole, tmp_path, form, trials=60, seed=1)
 
 
 def test_sixty_percent_of_a_recording_give_a_camera_and_a_word_of_it(command, recording, whole, tmp_path):
