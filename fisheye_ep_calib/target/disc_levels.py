@@ -78,7 +78,7 @@ def _board_planes(
     """Planes (d, 3) through the rings (p,) bool, their noise (d,), and the share of each ring that was used (d,)."""
     # The darker half of what is not dark: other things in the ring may be brighter than the board.
     light = patches.quantile(patches.value, ring, 0.5)
-    light = patches.quantile(patches.value, ring & (patches.value > patches.spread(0.5 * (light + dark))), 0.4)
+    light = patches.quantile(patches.value, ring & (patches.value >= patches.spread(0.5 * (light + dark))), 0.4)
     light = _without_glare(center, light, dark)
     plane = np.stack([light, *np.zeros((2, len(patches)))], axis=-1)
     noise = np.zeros(len(patches))

@@ -37,7 +37,7 @@ def check(target, views, share, error) -> None:
     # A board whose holed discs are all hidden is not guessed.
     holed = list(getattr(target, "holed", ()))
     named = [view for view in views if not holed or view.visible[holed].any()]
-    assert len(named) >= 0.9 * len(views)
+    assert len(named) >= 0.6 * len(views)
     assert first.views_found >= len(named)
     assert second.share >= share
     assert second.median_error <= error
