@@ -16,7 +16,7 @@ from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_work
 class WorkerProcess:
     """One child process, started again at the next call after it has died."""
 
-    def __init__(self, niceness: int = 5) -> None:
+    def __init__(self, niceness: int = 10) -> None:
         """niceness: how far the child stands back from the programs that drive the cameras."""
         self._niceness = niceness
         self._lock = threading.Lock()
