@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as f_distribution
-from scipy.stats import t as t_distribution
+from scipy.special import fdtrc, stdtrit  # tails of F, quantiles of t; scipy.stats would take half a second to load
 
 from fisheye_ep_calib.calibration.cross_validation import CrossValidation, cross_validate
 from fisheye_ep_calib.calibration.fit import Fit, refine
@@ -65,7 +64,7 @@ def nested_test(rich: Fit, plain: Fit) -> float:
     if extra <= 0 or freedom <= 0:
         return 1.0
     statistic = max(plain_cost - rich_cost, 0.0) / extra / max(rich_cost / freedom, 1e-300)
-    independent = float(f_distribution.sf(statistic, extra, freedom))
+    independent = float(fdtrc(extra, freedom, statistic))
     return max(independent, _wald_test(rich, plain))
 
 
@@ -81,7 +80,7 @@ def _wald_test(rich: Fit, plain: Fit) -> float:
     except np.linalg.LinAlgError:  # nothing is known about them
         return 1.0
     statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
-    return float(f_distribution.sf(statistic, len(tested), views - len(tested)))
+    return float(fdtrc(len(tested), views - len(tested), statistic))
 
 
 def supported(rich: Candidate, plain: Candidate) -> bool:
@@ -92,7 +91,7 @@ def supported(rich: Candidate, plain: Candidate) -> bool:
     """
     ratio = rich.validation.fold_log_ratios(plain.validation)
     gain, error = rich.validation.log_ratio(plain.validation)
-    certain = -gain > t_distribution.ppf(0.975, len(ratio) - 1) * error
+    certain = -gain > stdtrit(len(ratio) - 1, 0.975) * error
     return bool((certain or (ratio < 0).all()) and nested_test(rich.fit, plain.fit) < _SIGNIFICANCE)
 
 

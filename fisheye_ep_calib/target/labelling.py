@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from fisheye_ep_calib.target.cells import extrapolate
 
@@ -113,7 +112,9 @@ def _overlaps(
         patch = np.zeros(turned.max(axis=0) - corner + 1)
         patch[tuple((turned - corner).T)] = 1
         # Correlation: overlap[s] counts cells c with mask[c - corner + s - (patch.shape - 1)].
-        overlap = np.rint(fftconvolve(mask.astype(float), patch[::-1, ::-1], mode="full")).astype(int)
+        shape = np.add(mask.shape, patch.shape) - 1
+        spectrum = np.fft.rfft2(mask, shape) * np.fft.rfft2(patch[::-1, ::-1], shape)
+        overlap = np.rint(np.fft.irfft2(spectrum, shape)).astype(int)
         for index in np.argwhere(overlap >= max(overlap.max() - slack, 1)):
             shift = index - (np.array(patch.shape) - 1) - corner + low
             placements.append(Placement(rotation, shift))
