@@ -10,13 +10,13 @@ from pathlib import Path
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
 from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.collector import Guide
-from fisheye_ep_calib.commands.json_text import json_text
 from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing
 from fisheye_ep_calib.commands.resuming import add_resume_argument, log_of
 from fisheye_ep_calib.commands.sources import CameraSource, add_source_arguments, camera_sources
 from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.camera_file import save_camera
+from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.results_folder import nearest_folder, results_folder
 

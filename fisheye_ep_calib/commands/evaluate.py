@@ -7,11 +7,11 @@ import sys
 from pathlib import Path
 
 from fisheye_ep_calib.calibration.evaluation import Evaluation, evaluate_camera
-from fisheye_ep_calib.commands.json_text import json_text
 from fisheye_ep_calib.commands.reporting import refuse_existing, write_evaluation_report
 from fisheye_ep_calib.commands.sources import add_source_arguments, camera_sources
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.camera_file import read_camera_file
+from fisheye_ep_calib.storage.json_text import json_text
 
 DESCRIPTION = "Measure a camera file on a recording: every view's pose is refitted, the camera stays as it is."
 EPILOG = """example:

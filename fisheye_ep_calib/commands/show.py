@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from fisheye_ep_calib.calibration.uncertainty import pupil_sigma, radius_sigma
-from fisheye_ep_calib.commands.json_text import json_text
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+from fisheye_ep_calib.storage.json_text import json_text
 
 DESCRIPTION = "Print a camera file: intrinsics, entrance pupil E(θ) and image radius r(θ) with their 1σ bands."
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import datetime
 import json
-import math
 import platform
 from importlib import metadata
 from os import PathLike
 
 from fisheye_ep_calib.report.data import View
 from fisheye_ep_calib.storage.atomic import atomic_write
+from fisheye_ep_calib.storage.json_text import plain
 
 SCHEMA = 1
 _LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "opencv-python", "calib-targets", "rosbags", "mcap")
@@ -55,19 +55,8 @@ def write_record(path: str | PathLike, cameras: dict[str, dict], options: dict) 
         "options": options,
         "cameras": cameras,
     }
-    text = json.dumps(_plain(content), ensure_ascii=False, indent=1, allow_nan=False)
+    text = json.dumps(plain(content), ensure_ascii=False, indent=1, allow_nan=False)
     atomic_write(path, (text + "\n").encode(errors="backslashreplace"))
-
-
-def _plain(value):
-    """Numbers that JSON cannot say become null (NaN) or the words inf and -inf."""
-    if isinstance(value, dict):
-        return {str(key): _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else str(value)
-    return value
 
 
 def _version(name: str) -> str | None:

@@ -112,9 +112,7 @@ def _overlaps(
         patch = np.zeros(turned.max(axis=0) - corner + 1)
         patch[tuple((turned - corner).T)] = 1
         # Correlation: overlap[s] counts cells c with mask[c - corner + s - (patch.shape - 1)].
-        shape = np.add(mask.shape, patch.shape) - 1
-        spectrum = np.fft.rfft2(mask, shape) * np.fft.rfft2(patch[::-1, ::-1], shape)
-        overlap = np.rint(np.fft.irfft2(spectrum, shape)).astype(int)
+        overlap = _correlation(mask, patch)
         for index in np.argwhere(overlap >= max(overlap.max() - slack, 1)):
             shift = index - (np.array(patch.shape) - 1) - corner + low
             placements.append(Placement(rotation, shift))
@@ -136,3 +134,11 @@ def _plain_sites(cells, pixels, is_plain) -> np.ndarray:
         return np.empty((0, 2), dtype=int)
     sites, where, scale = extrapolate(cells, pixels)
     return sites[is_plain(where, scale)] if len(sites) else sites
+
+
+def _correlation(mask: np.ndarray, patch: np.ndarray) -> np.ndarray:
+    """Full correlation (H + h − 1, W + w − 1), whole numbers, of a mask (H, W) and a patch (h, w) of zeros and ones."""
+    shape = tuple(int(one + other - 1) for one, other in zip(mask.shape, patch.shape, strict=True))
+    spectrum: np.ndarray = np.fft.rfft2(mask, shape)
+    spectrum *= np.fft.rfft2(patch[::-1, ::-1], shape)
+    return np.rint(np.fft.irfft2(spectrum, shape)).astype(int)

@@ -1,4 +1,4 @@
-"""Results as JSON on stdout."""
+"""Results as JSON."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import math
 
 def json_text(content: dict) -> str:
     """One line that every JSON reader takes: ASCII, NaN as null, infinities as the words inf and -inf."""
-    return json.dumps(_plain(content), allow_nan=False)
+    return json.dumps(plain(content), allow_nan=False)
 
 
-def _plain(value):
+def plain(value):
+    """Numbers that JSON cannot say become null (NaN) or the words inf and -inf."""
     if isinstance(value, dict):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): plain(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [plain(one) for one in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     return value
