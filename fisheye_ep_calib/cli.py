@@ -7,7 +7,9 @@ import importlib
 import io
 import logging
 import os
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from typing import NoReturn
 
@@ -64,6 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")  # a terminal that knows no θ, a file name that is no text
     logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
     parsed = build_parser().parse_args(arguments)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: what was found is kept
     try:
         return parsed.run(parsed)
     except CalibrationError as error:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -168,3 +170,19 @@ def test_a_cluster_gives_the_same_files(command, words, tmp_path):
     options = json.loads((tmp_path / "there" / "calibration.json").read_text())["options"]
     assert options["scheduler"] == address
     command(*words, "--scheduler", "nonsense").refused(2, "no Dask scheduler answers at nonsense", "--scheduler")
+
+
+def test_a_termination_ends_like_an_interruption():
+    program = (
+        "import time; from fisheye_ep_calib import cli; from fisheye_ep_calib.commands import show\n"
+        "show.run = lambda _: (print('ready', flush=True), time.sleep(60))\n"
+        "raise SystemExit(cli.main(['show', 'any.yaml']))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "ready\n"
+    process.terminate()
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "interrupted" in said and "Traceback" not in said
