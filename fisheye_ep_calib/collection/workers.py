@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import pickle
+import tempfile
 import time
 from collections import deque
 from collections.abc import Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Any
+from typing import IO, Any
 
 import cv2
 import numpy as np
@@ -47,6 +49,7 @@ class FrameWorkers:
         self._detector = detector
         self._workers = workers
         self._pool: ProcessPoolExecutor | None = None
+        self._search: IO[bytes] | None = None
         self._waiting: deque[Job] = deque()
         self._running: dict[Future, Job] = {}
         self._ready: deque[FrameResult] = deque()
@@ -72,6 +75,9 @@ class FrameWorkers:
         self._running.clear()
         self._ready.clear()
         self._end_pool()
+        if self._search is not None:
+            self._search.close()
+            self._search = None
 
     def _look_here(self, job: Job) -> FrameResult:
         threads = cv2.getNumThreads()
@@ -116,10 +122,18 @@ class FrameWorkers:
                 self._workers,
                 mp_context=multiprocessing.get_context("spawn"),
                 initializer=_initialize,
-                initargs=(self._recording, self._detector),
+                initargs=(self._search_file(),),
             )
         with inherited_by_workers():  # which the pool starts when it is given work
             return self._pool.submit(_look, job)
+
+    def _search_file(self) -> str:
+        """Recording and detector, for the workers: as arguments they would keep the next one waiting for this one."""
+        if self._search is None:
+            self._search = tempfile.NamedTemporaryFile(prefix="fisheye_ep_calib_")
+            pickle.dump((self._recording, self._detector), self._search)
+            self._search.flush()
+        return self._search.name
 
     def _end_pool(self) -> None:
         pool, self._pool = self._pool, None
@@ -165,10 +179,11 @@ def failed_on(recording: Recording, job: Job, error: str, seconds: float = 0.0) 
 _process: tuple[Recording, Detector] | None = None
 
 
-def _initialize(recording: Recording, detector: Detector) -> None:
+def _initialize(search_file: str) -> None:
     global _process
     prepare_worker()
-    _process = (recording, detector)
+    with open(search_file, "rb") as file:
+        _process = pickle.load(file)
 
 
 def _look(job: Job) -> FrameResult:
