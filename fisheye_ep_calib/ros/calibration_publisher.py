@@ -15,7 +15,7 @@ from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.camera_info_message import camera_info_message
 from fisheye_ep_calib.ros.picture_message import picture_message
-from fisheye_ep_calib.ros.quality import LATCHED
+from fisheye_ep_calib.ros.quality import LATCHED, LATCHED_STREAM
 from fisheye_ep_calib.storage.pictures import Picture
 
 
@@ -49,7 +49,8 @@ class CalibrationPublisher:
         self._told = True
         self._yaml.publish(String(data=outcome.yaml))
         if self._header is not None:
-            self._send(self._header)
+            for _ in range(LATCHED_STREAM.depth):  # whoever comes later must not be given an older one first
+                self._send(self._header)
 
     def publish_info(self, image: Any) -> None:
         """CameraInfo with the header of an image message, if the camera is calibrated for images of its size."""
@@ -80,7 +81,7 @@ class CalibrationPublisher:
             if self._info is None:
                 return
             if self._info_publisher is None:  # not before the first image: only then its driver is surely known
-                self._info_publisher = self._node.create_publisher(CameraInfo, self._info_topic(), LATCHED)
+                self._info_publisher = self._node.create_publisher(CameraInfo, self._info_topic(), LATCHED_STREAM)
             self._info.header = header
             self._info_publisher.publish(self._info)
 
