@@ -17,3 +17,8 @@ class InputError(CalibrationError):
     """Input that cannot be used: wrong arguments, an unreadable bag, file or message. Exit code 2."""
 
     exit_code = 2
+
+
+def first_line(error: BaseException) -> str:
+    """What another program's error says, in one line; its type where it says nothing."""
+    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -19,7 +19,7 @@ import cv2
 
 from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.collection.workers import Job, failed_on, look
-from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.detection import Detector
 
@@ -90,7 +90,7 @@ class ClusterWorkers:
             ) from None
         except Exception as error:  # whatever goes wrong in another program
             raise InputError(
-                f"the workers of {self._scheduler} cannot look at images: {_first_line(error)}; "
+                f"the workers of {self._scheduler} cannot look at images: {first_line(error)}; "
                 "they need fisheye_ep_calib of this version"
             ) from None
         for worker, path in lacking.items():
@@ -140,7 +140,7 @@ class ClusterWorkers:
             return task.result()
         if _has_killed_its_workers(error):
             return failed_on(self._recording, job, "a worker process died on it")
-        why = _first_line(error) if error else f"it has given up on an image ({task.status})"
+        why = first_line(error) if error else f"it has given up on an image ({task.status})"
         raise CalibrationError(f"the cluster at {self._scheduler} has failed: {why}")
 
     def _check_alive(self) -> None:
@@ -178,7 +178,7 @@ def _client_of(address: str) -> Any:
         return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
-            f"no Dask scheduler answers at {address} ({_first_line(error)}); "
+            f"no Dask scheduler answers at {address} ({first_line(error)}); "
             "start one with 'dask scheduler', or leave out --scheduler"
         ) from None
 
@@ -187,10 +187,6 @@ def _has_killed_its_workers(error: BaseException | None) -> bool:
     from distributed import KilledWorker
 
     return isinstance(error, KilledWorker)
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 # What follows runs on the workers.

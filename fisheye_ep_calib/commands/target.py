@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.report.printing import write_target
 from fisheye_ep_calib.target import load_target
-from fisheye_ep_calib.target.printing import write_target
 
 DESCRIPTION = (
     "Write a target true to scale, to print at 100 % (no 'fit to page'). A 100 mm line on the page shows whether the\n"

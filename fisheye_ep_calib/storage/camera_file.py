@@ -19,13 +19,13 @@ import yaml
 from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
 from fisheye_ep_calib.calibration.result import CalibrationResult
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
-from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_info import plain_camera_info
 from fisheye_ep_calib.storage.camera_info_file import camera_info_content
+from fisheye_ep_calib.storage.yaml_file import read_yaml
 
 SCHEMA = 1
-_MOST_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -128,25 +128,14 @@ def read_camera_file(path: str | PathLike) -> CameraFile:
     Raises InputError with the file's name and what is wrong with it.
     """
     path = Path(path)
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(f"{path}: too large for a camera file")
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{path} is not valid YAML: {_first_line(error)}") from None
+    content = read_yaml(path, "camera")
     try:
         return _camera_file(content)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
-        what = f"{error} is missing" if isinstance(error, KeyError) else _first_line(error)
+        what = f"{error} is missing" if isinstance(error, KeyError) else first_line(error)
         raise InputError(f"{path} is not a camera file: {what}") from None
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _camera_file(content: dict) -> CameraFile:

@@ -15,9 +15,9 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rig.result import RigCalibration
 from fisheye_ep_calib.storage.camera_info import plain_camera_info
+from fisheye_ep_calib.storage.yaml_file import read_yaml
 
 SCHEMA = 1
-_MOST_BYTES = 1 << 20
 _NOT_RIGID = 1e-6
 
 
@@ -56,9 +56,7 @@ def rig_yaml(rig: RigCalibration, camera_files: Mapping[str, str], topics: Mappi
         "schema": SCHEMA,
         "reference": rig.names[0],
         "cameras": cameras,
-        "overlaps": [
-            {"cameras": [rig.names[pair.a], rig.names[pair.b]], "views": pair.views} for pair in rig.pairs
-        ],
+        "overlaps": [{"cameras": [rig.names[pair.a], rig.names[pair.b]], "views": pair.views} for pair in rig.pairs],
         "calibration": {
             "rms_px": rig.rms_px,
             "moments": rig.moments,
@@ -102,14 +100,7 @@ def kalibr_camchain(rig: RigCalibration, stand_ins: Sequence[FisheyeCamera], top
 def load_rig(path: str | PathLike) -> RigFile:
     """Read a rig file. Raises InputError."""
     path = Path(path)
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(f"{path}: too large for a rig file")
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError):
-        raise InputError(f"{path} is not valid YAML") from None
+    content = read_yaml(path, "rig")
     try:
         if content["schema"] != SCHEMA:
             raise InputError(f"schema {content['schema']!r} is not known here; known: {SCHEMA}")

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.report.printing import DOTS_PER_MM, lay_out, ruler_lines, write_target
 from fisheye_ep_calib.target import load_target
 from fisheye_ep_calib.target.circle_grid import CircleGrid
-from fisheye_ep_calib.target.printing import DOTS_PER_MM, lay_out, ruler_lines, write_target
 
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "config" / "targets").glob("*.yaml"))
 
@@ -107,7 +107,7 @@ def test_a_users_settings_do_not_move_the_print(tmp_path):
 
 
 def test_printing_alone_needs_matplotlib():
-    modules = "fisheye_ep_calib.target.printing, fisheye_ep_calib.commands.target"
+    modules = "fisheye_ep_calib.report.printing, fisheye_ep_calib.commands.target"
     code = f"import sys, {modules}; sys.exit('matplotlib' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
