@@ -170,9 +170,9 @@ class _Player:
         return self
 
     def __exit__(self, *_) -> None:
-        self._executor.shutdown()
         self._context.try_shutdown()
         self._thread.join(5)
+        self._executor.shutdown()
         self._node.destroy_node()
 
     def _spin(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from typing import Any
 
@@ -37,6 +38,7 @@ class CalibratorNode:
     def __init__(self) -> None:
         """Raises InputError for parameters or files that cannot be used."""
         self.node = Node("calibrator")
+        self._stopping = threading.Event()
         self._patient = PatientNode(self.node)
         self._live: LiveCalibrator | None = None
         try:
@@ -47,10 +49,11 @@ class CalibratorNode:
 
     def close(self) -> None:
         """End workers and write what is not written; the node is of no use afterwards."""
-        self._patient.close()
+        self._stopping.set()
         live, self._live = self._live, None
         if live is not None:
             live.stop()
+        self._patient.close()
         self.node.destroy_node()
 
     def _start(self) -> None:
@@ -62,7 +65,9 @@ class CalibratorNode:
         self._publishers = {camera.name: CalibrationPublisher(self.node, camera) for camera in cameras}
         for camera in cameras:
             self._publishers[camera.name].update(camera.initial)
-        self._drivers = {camera.name: DriverCommit(self._patient.node, self.node, camera) for camera in cameras}
+        self._drivers = {
+            camera.name: DriverCommit(self._patient.node, self.node, camera, self._stopping) for camera in cameras
+        }
         self._status = StatusPublisher(self.node)
         self._rig = self.node.create_publisher(String, "~/rig", LATCHED) if settings.rig else None
         announcer = Announcer(logger.info, logger.warning)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
@@ -15,14 +16,15 @@ from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.camera_info_message import camera_info_message
 
 PATIENCE = 5.0  # seconds for the drivers to be there, and for each one's answer
-_LOOK = 0.1  # seconds for a driver, at least, once the patience for all of them is used up
+_LOOK = 0.02  # seconds between looks whether it is there or has answered
 
 
 class DriverCommit:
     """One camera's driver. Waits, so it must not run where images are received."""
 
-    def __init__(self, patient: Node, node: Node, camera: CameraSettings) -> None:
-        """patient: the node that may wait. node: by whose name and remappings the service is found."""
+    def __init__(self, patient: Node, node: Node, camera: CameraSettings, stopping: threading.Event) -> None:
+        """patient: the node that may wait, until stopping is set. node: whose name and remappings find the service."""
+        self._stopping = stopping
         self._camera = camera
         self._service = node.resolve_service_name(camera.set_camera_info_service)
         group = MutuallyExclusiveCallbackGroup()  # answers must arrive while a service callback waits for them
@@ -33,18 +35,16 @@ class DriverCommit:
         name = self._camera.name
         if outcome is None:
             return Answer(False, f"{name}: not calibrated yet")
-        if not self._client.wait_for_service(max(_LOOK, give_up - time.monotonic())):
+        if not self._wait(self._client.service_is_ready, give_up):
             return Answer(
                 False,
                 f"{name}: nobody serves {self._service}: start the driver, or set the parameter "
                 f"{name}.set_camera_info, and call ~/commit again",
             )
-        answered = threading.Event()
         future = self._client.call_async(
             SetCameraInfo.Request(camera_info=camera_info_message(outcome.info))
         )
-        future.add_done_callback(lambda _: answered.set())
-        if not answered.wait(PATIENCE):
+        if not self._wait(future.done, time.monotonic() + PATIENCE):
             self._client.remove_pending_request(future)
             return Answer(False, f"{name}: {self._service} did not answer in {PATIENCE:.0f} s")
         response = future.result()
@@ -52,3 +52,9 @@ class DriverCommit:
             return Answer(False, f"{name}: {self._service} refused: {response.status_message or 'no reason given'}")
         model = outcome.figures["model"]
         return Answer(True, f"{name}: {self._service} took the stand-in of {model} ({response.status_message})")
+
+    def _wait(self, condition: Callable[[], bool], give_up: float) -> bool:
+        while not condition():
+            if time.monotonic() > give_up or self._stopping.wait(_LOOK):
+                return False
+        return True

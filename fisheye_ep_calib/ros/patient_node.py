@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections.abc import Callable
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from fisheye_ep_calib.live.answer import Answer
 
+LOOK = 0.2  # seconds between looks whether to end
 THREADS = 6  # one for each service that waits, one for a driver's answer, one for the timers
 
 
@@ -35,6 +35,7 @@ class PatientNode:
             start_parameter_services=False,
         )
         self._executor = MultiThreadedExecutor(THREADS)
+        self._closed = False
         self._thread = threading.Thread(target=self._spin, daemon=True, name="services")
 
     def serve(self, name: str, action: Callable[[], Answer]) -> None:
@@ -58,12 +59,13 @@ class PatientNode:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop serving; an action under way is not waited for long."""
-        self._executor.shutdown(timeout_sec=0.2)
+        """Stop serving; an action under way is not waited for."""
+        self._closed = True
         if self._thread.is_alive():
-            self._thread.join(0.5)
+            self._thread.join()
+        self._executor.shutdown()  # not before: it takes away what the thread waits on
         self.node.destroy_node()
 
     def _spin(self) -> None:
-        with contextlib.suppress(ExternalShutdownException):
-            self._executor.spin()
+        while not self._closed:
+            self._executor.spin_once(LOOK)

@@ -43,8 +43,9 @@ class RectifierNode:
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.close()
-            # The log may be closed by now.
-            print(f"{self._rectified} images rectified, {self._unusable} could not be, {worker.dropped} came too fast")
+            self.node.get_logger().info(
+                f"{self._rectified} images rectified, {self._unusable} could not be, {worker.dropped} came too fast"
+            )
         self.node.destroy_node()
 
     def _start(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import json
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,25 @@ def test_a_driver_that_starts_later(start_calibrator, probe, camera_file) -> Non
     wait_for(lambda: published(own), "CameraInfo on the node's own topic")
     assert probe.node.count_publishers("/front/camera_info") == 1 and driver
     assert calibrator.interrupt()[0] == 0 and calibrator.output.count("has a publisher already") == 1
+
+
+def test_ended_while_a_driver_is_silent(start_calibrator, probe, camera_file) -> None:
+    answering = threading.Event()
+
+    def keep_waiting(_request: Any, response: Any) -> Any:
+        answering.wait(20)
+        return response
+
+    probe.node.create_service(SetCameraInfo, "/front/set_camera_info", keep_waiting)
+    calibrator = start_calibrator(cameras="[front]", front__camera_file=camera_file)
+    client = probe.node.create_client(Trigger, "/calibrator/commit")
+    wait_for(client.service_is_ready, "the node's service")
+    time.sleep(0.5)  # the node has found the driver too
+    client.call_async(Trigger.Request())
+    time.sleep(0.5)
+    code, seconds = calibrator.interrupt()
+    answering.set()
+    assert code == 0 and seconds < 2.0 and "Traceback" not in calibrator.output
 
 
 def test_compressed_images_overlay_and_diagnostics(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -53,7 +54,6 @@ def run(start_calibrator, start_publisher, probe, images, folder, frames: int) -
         rear__camera_file=start,
     )
     statuses = probe.collect(String, "/calibrator/status", LATCHED)
-    publisher = start_publisher(images, RATE, *[f"/{camera}/image_raw" for camera in CAMERAS], "--frames", frames)
     late: dict[tuple, float] = {}  # a new calibration is published with the last image's header once more
 
     def receive(info: CameraInfo) -> None:
@@ -62,6 +62,8 @@ def run(start_calibrator, start_publisher, probe, images, folder, frames: int) -
 
     for camera in CAMERAS:
         probe.node.create_subscription(CameraInfo, f"/{camera}/camera_info", receive, LATCHED)
+    wait_for(lambda: statuses, "the node")  # what is sent before the two have found each other is not lost on the way
+    publisher = start_publisher(images, RATE, *[f"/{camera}/image_raw" for camera in CAMERAS], "--frames", frames)
 
     memories = []
     while publisher.process.poll() is None:
@@ -78,6 +80,7 @@ def run(start_calibrator, start_publisher, probe, images, folder, frames: int) -
         "searched": [cameras[-1][camera]["searched"] for camera in CAMERAS],
         "delays": sorted(delay for delay in delays if delay is not None),
         "info": sorted(late.values()),
+        "info_s": sorted(sec + nanosec * 1e-9 for _, sec, nanosec in late),
         "memories": memories,
     }
 
@@ -85,11 +88,14 @@ def run(start_calibrator, start_publisher, probe, images, folder, frames: int) -
 def report(measured: dict) -> str:
     delays, info, memories = measured["delays"], measured["info"], measured["memories"]
     half = memories[len(memories) // 2 :]
+    stamps = measured["info_s"]
+    gap, after = max((later - before, before - stamps[0]) for before, later in pairwise(stamps))
     return (
         f"received {measured['received']} of {measured['published']}, searched {measured['searched']}; "
         f"largest delay of each second: median {1e3 * delays[len(delays) // 2]:.0f} ms, "
         f"most {1e3 * delays[-1]:.0f} ms; {len(info)} CameraInfo, after {1e3 * info[len(info) // 2]:.0f} ms, "
-        f"most {1e3 * info[-1]:.0f} ms; memory {half[0] / 1e6:.0f} → {half[-1] / 1e6:.0f} MB in the second half"
+        f"most {1e3 * info[-1]:.0f} ms, the longest gap {gap:.1f} s, {after:.1f} s after the first; "
+        f"memory {half[0] / 1e6:.0f} → {half[-1] / 1e6:.0f} MB in the second half"
     )
 
 

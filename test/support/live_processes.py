@@ -119,7 +119,7 @@ class Probe:
         return future.result()
 
     def close(self) -> None:
-        self._executor.shutdown()
         self._context.try_shutdown()
         self._thread.join(5)
+        self._executor.shutdown()
         self.node.destroy_node()
