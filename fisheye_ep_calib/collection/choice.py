@@ -17,7 +17,6 @@ from fisheye_ep_calib.errors import InputError
 # Fixed, and not a matter of how many workers there are: the choice must not depend on the machine.
 FRAMES_A_ROUND = 24
 FIRST_LOOK = 1 / 3  # of the images that will be looked at
-INFORMATIVE = 5 / 6  # of a round; the others go where the target moved, entered or left
 
 # Worth of looking between two images, where 1 is a target that moved by the least that counts as new.
 WORTH_AT_ENTRY = 2.0  # found in one of them: in between it crosses the edge of the field, where views are rare

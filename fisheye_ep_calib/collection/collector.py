@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration.view_selection import ViewSignature, view_signature
-from fisheye_ep_calib.collection.choice import INFORMATIVE, FrameChoice, closer_look, first_look, room_left
+from fisheye_ep_calib.collection.choice import FrameChoice, closer_look, first_look, room_left
 from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
 from fisheye_ep_calib.collection.information import most_informative
 from fisheye_ep_calib.collection.pool import frame_pool
@@ -175,15 +175,14 @@ class Collector:
             log.add(result)
 
     def _next_look(self, seen: Mapping[int, FrameResult], count: int, choice: FrameChoice) -> list[int]:
-        """The images to look at next: those that tell most about the camera, and some where the target moves."""
+        """The images to look at next: those that tell most about the camera, else those where the target moves."""
         room = room_left(len(seen), count, choice)
         found = {index: frame for index, frame in seen.items() if frame.found}
         chosen: list[int] = []
         if room and found:
             detections = {index: frame.detection for index, frame in found.items()}
             size = next(iter(found.values())).image_size or (0, 0)
-            share = round(INFORMATIVE * room)
-            chosen = most_informative(detections, sorted(seen), self._target, size, share)
+            chosen = most_informative(detections, sorted(seen), self._target, size, room)
         signatures = {index: self._signature(frame) for index, frame in seen.items()}
         moving = [index for index in closer_look(signatures, room) if index not in chosen]
         return sorted(chosen + moving[: room - len(chosen)])

@@ -8,14 +8,15 @@ rest of the camera: the images that narrow it most are looked at next (a greedy,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
-from fisheye_ep_calib.calibration.fit import first_fit, sightings_of
+from fisheye_ep_calib.calibration.fit import first_fit, refine, sightings_of
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.rotation import rotation_from_vector
+from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.calibration.view_information import view_information
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError
@@ -24,7 +25,7 @@ from fisheye_ep_calib.target.detection import Detection
 
 MIN_VIEWS = 8
 MAX_CANDIDATES = 800
-POINTS_A_VIEW = 20  # enough to tell views apart
+POINTS_A_VIEW = 40  # enough to tell views apart
 # Fractions of the image height: a target that moved less repeats the same errors; its image adds nothing new.
 LEAST_MOTION = 0.006
 MOST_OVERSHOOT = 1.3  # of the nearest and the farthest distance seen
@@ -56,7 +57,7 @@ def most_informative(
     between, poses_between = _poses_between(images, poses, sorted(seen), _middle(target))
     if len(between) == 0:
         return []
-    points = target.object_points[:: max(1, len(target.object_points) // POINTS_A_VIEW)]
+    points = target.object_points[_some(len(target.object_points))]
     known = _views(camera, points, images, poses)
     candidates = _views(camera, points, between, poses_between)
     return _greedy(camera, known, candidates, room, LEAST_MOTION * image_size[1])
@@ -65,24 +66,30 @@ def most_informative(
 def _rough_camera(
     found: Mapping[int, Detection], target: Target, image_size: tuple[int, int]
 ) -> tuple[FisheyeCamera, np.ndarray, np.ndarray] | None:
-    """A camera with an entrance pupil still at zero, the images (V,) that have a pose, and the poses (V, 4, 4)."""
+    """A camera with an entrance pupil, the images (V,) that have a pose, and the poses (V, 4, 4)."""
     images = np.array(sorted(found))
+    parts = [(found[image], _some(len(found[image]))) for image in images.tolist()]
     try:
         observations = Observations.create(
             target.object_points,
-            np.concatenate([np.full(len(found[image]), i) for i, image in enumerate(images.tolist())]),
-            np.concatenate([found[image].point_index for image in images.tolist()]),
-            np.concatenate([found[image].pixels for image in images.tolist()]),
+            np.repeat(np.arange(len(images)), [len(some) for _, some in parts]),
+            np.concatenate([detection.point_index[some] for detection, some in parts]),
+            np.concatenate([detection.pixels[some] for detection, some in parts]),
             image_size,
         )
-        fit = first_fit(sightings_of(observations), robust=True)
+        plain = first_fit(sightings_of(observations), robust=True)
+        fit = refine(plain, Structure("ep_even", skew=False), loss=plain.problem.loss)
     except (CalibrationError, np.linalg.LinAlgError):
         return None
     error = np.linalg.norm(fit.residuals[0], axis=-1)
     if not np.nanmedian(error) < ROUGH_FIT * image_size[1]:
         return None
-    camera = replace(fit.state.camera, model="ep_even", coefficients=(0.0, 0.0))
-    return camera, images[fit.sightings.images], fit.state.camera_from_target
+    return fit.state.camera, images[fit.sightings.images], fit.state.camera_from_target
+
+
+def _some(count: int) -> np.ndarray:
+    """Indices of enough of so many points, spread over the target whatever the length of its rows."""
+    return np.sort(np.random.default_rng(0).permutation(count)[:POINTS_A_VIEW])
 
 
 def _middle(target: Target) -> np.ndarray:

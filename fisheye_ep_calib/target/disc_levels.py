@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -14,6 +15,7 @@ RING_REACH = 2.2
 RING_WIDTH = 7.0
 SMALL_DISC = 10.0
 FEWEST_NEIGHBOURS = 6
+FEWEST_PIXELS = 12  # of a ring away from other discs
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ def measure_levels(
         core = (ellipse.radius < 0.8) & (ellipse.radius > box.spread(np.where(hole > 0, hole + 0.15, -1)))
     dark = box.mean(box.value, core)
     outside = (ellipse.distance > box.spread(band)) & (ellipse.radius < box.spread(reach))
+    outside = _clear_of_discs(box, outside, _near_discs(image.shape, center, shape, band))
     trust = _trust(shape) * (1.0 if len(center) >= FEWEST_NEIGHBOURS else 0.02)
     plane, noise, share_kept = _board_planes(*box.select(outside), center, shape, dark, trust)
     # Light falls on disc and board alike: a small disc's slope is taken as the board's in proportion.
@@ -63,8 +66,27 @@ def measure_levels(
     inside, meant = box.select(core)
     squares = inside.sum(meant * (inside.x**2 + inside.y**2)) / 2
     expected = share[:, None] * plane[:, 1:]
-    dark_plane = fit_planes(inside, meant.astype(np.float32), expected, (0.2 + trust) * squares)
+    dark_plane = fit_planes(inside, meant.astype(np.float32), expected, (0.2 + 10 * trust) * squares)
     return Levels(plane, dark_plane, noise, (share_kept > 0.2) & (inside.sum(meant) > 0))
+
+
+def _near_discs(size: tuple[int, ...], center: np.ndarray, shape: np.ndarray, band: np.ndarray) -> np.ndarray:
+    """Image (h, w) uint8, 1 where a pixel is in a disc or within ``band`` (d,) of one."""
+    near = np.zeros(size, np.uint8)
+    axes = np.stack([major_axis(shape), minor_axis(shape)], axis=-1) + band[:, None]
+    turn = 0.5 * np.degrees(np.arctan2(2 * shape[:, 0, 1], shape[:, 0, 0] - shape[:, 1, 1]))
+    middles, axes = np.rint(16 * center).astype(int), np.rint(16 * axes).astype(int)
+    for middle, half, angle in zip(middles.tolist(), axes.tolist(), turn.tolist(), strict=True):
+        cv2.ellipse(near, middle, half, angle, 0, 360, 1, cv2.FILLED, shift=4)
+    return near
+
+
+def _clear_of_discs(patches: PixelPatches, ring: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """The rings (p,) bool without what is near another disc (h, w), as far as enough is left of them."""
+    clear = ring.copy()
+    clear[ring] = near.ravel()[patches.place[ring]] == 0
+    enough = patches.sum(clear) >= FEWEST_PIXELS
+    return clear | (ring & ~np.repeat(enough, patches.size))
 
 
 def _board_planes(
@@ -79,7 +101,8 @@ def _board_planes(
     # The darker half of what is not dark: other things in the ring may be brighter than the board.
     light = patches.quantile(patches.value, ring, 0.5)
     light = patches.quantile(patches.value, ring & (patches.value >= patches.spread(0.5 * (light + dark))), 0.4)
-    light = _without_glare(center, light, dark)
+    _, near = cKDTree(center).query(center, k=np.arange(1, min(9, len(center)) + 1))
+    light = _without_glare(near, light, dark)
     plane = np.stack([light, *np.zeros((2, len(patches)))], axis=-1)
     noise = np.zeros(len(patches))
     kept = ring
@@ -91,7 +114,7 @@ def _board_planes(
             kept = kept & (np.abs(rest) < patches.spread(np.maximum(2.5 * noise, 2)))
         else:
             kept = ring & (np.abs(rest) < patches.spread(np.maximum(share * (plane[:, 0] - dark), 2)))
-        expected = _shading(center, patches.mean(patches.value, kept), plane[:, 0] - dark, shape)
+        expected = _shading(center, near, patches.mean(patches.value, kept), plane[:, 0] - dark, shape)
         plane = fit_planes(patches, kept.astype(np.float32), expected, trust * squares)
         noise = np.sqrt(patches.mean(rest**2, kept))
     used = patches.sum(kept)
@@ -107,20 +130,20 @@ def _trust(shape: np.ndarray) -> np.ndarray:
     return np.minimum(1, (SMALL_DISC / np.maximum(minor_axis(shape), 1)) ** 4)
 
 
-def _without_glare(center: np.ndarray, light: np.ndarray, dark: np.ndarray) -> np.ndarray:
-    """The board's brightness (d,) around each disc, that of its neighbours where something brighter is in its ring."""
-    _, near = cKDTree(center).query(center, k=min(9, len(center)))
-    usual = np.median(light[near.reshape(len(center), -1)], axis=1)
+def _without_glare(near: np.ndarray, light: np.ndarray, dark: np.ndarray) -> np.ndarray:
+    """The board's brightness (d,) around each disc, that of its neighbours near (d, n) where its ring is brighter."""
+    usual = np.median(light[near], axis=1)
     return np.where(light - usual > 0.25 * (usual - dark), usual, light)
 
 
-def _shading(center: np.ndarray, level: np.ndarray, contrast: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Slopes (d, 2) of the board's brightness along x and y, from the levels around the neighbours of each disc; those
-    that differ from its own by much of its contrast are of something else.
+def _shading(
+    center: np.ndarray, near: np.ndarray, level: np.ndarray, contrast: np.ndarray, shape: np.ndarray
+) -> np.ndarray:
+    """Slopes (d, 2) of the board's brightness along x and y, from the levels around the neighbours near (d, n) of
+    each disc; those that differ from its own by much of its contrast are of something else.
     """
     if len(center) < FEWEST_NEIGHBOURS:
         return np.zeros((len(center), 2))
-    _, near = cKDTree(center).query(center, k=min(9, len(center)))
     offset = center[near] - center[:, None]
     rise = level[near] - level[:, None]
     alike = np.abs(rise) < 0.3 * np.maximum(contrast, 1)[:, None]

@@ -12,14 +12,16 @@ import numpy as np
 class PixelPatches:
     """d patches with p pixels in all.
 
-    owner (p,): which patch. x, y (p,): from the patch's centre, pixels. value (p,): grey. start (d,): each
-    patch's first pixel. Patches are cut off at the image's border.
+    owner (p,): which patch. x, y (p,): from the patch's centre, pixels. value (p,): grey. place (p,): index
+    into the image's pixels, row after row. start (d,): each patch's first pixel. Patches are cut off at the
+    image's border.
     """
 
     owner: np.ndarray
     x: np.ndarray
     y: np.ndarray
     value: np.ndarray
+    place: np.ndarray
     start: np.ndarray
 
     @staticmethod
@@ -48,11 +50,11 @@ class PixelPatches:
         row = index // wide
         column = (index - row * wide) * step
         row *= step
-        value = image.ravel()[spread(low[:, 1] * width + low[:, 0], np.int64) + row * width + column]
+        place = spread(low[:, 1] * width + low[:, 0], np.int64) + row * width + column
         x = column + spread(low[:, 0] - center[:, 0], np.float32)
         y = row + spread(low[:, 1] - center[:, 1], np.float32)
         owner = spread(np.arange(len(center)))
-        return PixelPatches(owner, x, y, value.astype(np.float32), start)
+        return PixelPatches(owner, x, y, image.ravel()[place].astype(np.float32), place, start)
 
     def __len__(self) -> int:
         return len(self.start)
@@ -75,7 +77,7 @@ class PixelPatches:
         taken[self.start] = True
         size = self.sum(taken).astype(np.int64)
         index = np.flatnonzero(taken)
-        columns = (self.owner[index], self.x[index], self.y[index], self.value[index])
+        columns = self.owner[index], self.x[index], self.y[index], self.value[index], self.place[index]
         return PixelPatches(*columns, np.cumsum(size) - size), kept[index]
 
     def sum(self, values: np.ndarray) -> np.ndarray:
@@ -87,13 +89,16 @@ class PixelPatches:
         return self.sum(values * kept) / np.maximum(self.sum(kept), 1)
 
     def quantile(self, values: np.ndarray, kept: np.ndarray, share: float) -> np.ndarray:
-        """The value (d,) that ``share`` of each patch's kept pixels (p,) bool do not reach; 0 where none is kept."""
-        owner, some = self.owner[kept], values[kept]
+        """The value (d,) that ``share`` of each patch's kept pixels (p,) bool do not reach; 0 where none is kept.
+
+        values (p,): 0 to 255.
+        """
+        owner = self.owner[kept]
         count = np.bincount(owner, minlength=len(self))
-        order = np.lexsort((some, owner))
+        ordered = np.sort(owner + values[kept] / 1024.0)  # by patch, then by value
         place = np.cumsum(count) - count + (share * np.maximum(count - 1, 0)).astype(np.int64)
         found = np.zeros(len(self))
-        found[count > 0] = some[order[place[count > 0]]]
+        found[count > 0] = 1024.0 * (ordered[place[count > 0]] - np.flatnonzero(count))
         return found
 
 
