@@ -9,6 +9,7 @@ each found.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import os
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -20,6 +21,8 @@ from fisheye_ep_calib.simulation import paper_camera, paper_target
 from fisheye_ep_calib.simulation.evaluation_set import evaluation_set
 
 ROUNDS = 3
+
+_images: list[np.ndarray] = []
 
 
 def main() -> None:
@@ -63,19 +66,21 @@ def _time(run, images, views) -> tuple[float, int]:
     return best, found
 
 
-def _detect_one(image: np.ndarray) -> int:
+def _detect_one(image: int) -> int:
     cv2.setNumThreads(1)
-    return len(paper_target().detector().detect(image))
+    return len(paper_target().detector().detect(_images[image]))
 
 
 def _scaling(images: list[np.ndarray]) -> None:
-    """Wall time of the first pass in one process and in as many as there are cores."""
+    """Wall time of the first pass in one process and in as many as there are cores, which share the images' memory."""
+    _images.extend(images)
+    jobs = list(range(len(images))) * ROUNDS
     walls = {}
     for workers in dict.fromkeys((1, os.cpu_count() or 1)):
-        with ProcessPoolExecutor(workers) as pool:
-            list(pool.map(_detect_one, images[:workers]))  # the processes have started
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as pool:
+            list(pool.map(_detect_one, jobs))  # the processes have started
             start = time.perf_counter()
-            list(pool.map(_detect_one, images * 2))
+            list(pool.map(_detect_one, jobs))
             walls[workers] = time.perf_counter() - start
     first = walls[1]
     for workers, wall in walls.items():
