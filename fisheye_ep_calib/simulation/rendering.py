@@ -142,7 +142,8 @@ def _average(printed: Pattern, x, y, x_terms: np.ndarray, y_terms: np.ndarray) -
     sample_x, sample_y = x + powers @ x_terms, y + powers @ y_terms
     inside = printed.on_board(sample_x, sample_y)
     count = inside.sum(axis=0)
-    white = (printed.white(sample_x, sample_y) & inside).sum(axis=0)
+    with np.errstate(invalid="ignore"):  # not a number beside what the camera does not see, and not inside then
+        white = (printed.white(sample_x, sample_y) & inside).sum(axis=0)
     return (white / np.maximum(count, 1)).astype(np.float32), (count / _SAMPLES).astype(np.float32)
 
 
