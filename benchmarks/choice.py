@@ -17,10 +17,8 @@ import numpy as np
 from reading import CAMERAS, TARGET, handheld_poses
 
 from fisheye_ep_calib.calibration.view_information import view_information
-from fisheye_ep_calib.calibration.view_selection import view_signature
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.collection.choice import FrameChoice, closer_look, first_look, room_left
-from fisheye_ep_calib.collection.information import most_informative
+from fisheye_ep_calib.collection.choice import FrameChoice, first_look, next_look
 from fisheye_ep_calib.simulation.truth import observe
 from fisheye_ep_calib.target.detection import Detection
 
@@ -60,20 +58,10 @@ def film(seed: int) -> Film:
 
 def chosen(one: Film) -> list[int]:
     """The images that a collection would look at."""
-    choice, size = FrameChoice(), one.camera.image_size
-    found = {i: detection for i, detection in one.detections.items() if len(detection) >= 4}
-    signatures = {
-        i: view_signature(TARGET.object_points[detection.point_index], detection.pixels, size)
-        for i, detection in found.items()
-    }
+    choice = FrameChoice()
+    found = {i: detection if len(detection) >= 4 else None for i, detection in one.detections.items()}
     seen = set(first_look(FRAMES, choice))
-    while room := room_left(len(seen), FRAMES, choice):
-        known = {i: found[i] for i in seen if i in found}
-        told = most_informative(known, sorted(seen), TARGET, size, room)
-        moving = [i for i in closer_look({i: signatures.get(i) for i in seen}, room) if i not in told]
-        fresh = [*told, *moving][:room]
-        if not fresh:
-            break
+    while fresh := next_look({i: found[i] for i in seen}, TARGET, one.camera.image_size, FRAMES, choice):
         seen.update(fresh)
     return sorted(seen)
 

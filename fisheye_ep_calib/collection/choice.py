@@ -11,8 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.view_selection import Novelty, ViewSignature
+from fisheye_ep_calib.calibration.view_selection import Novelty, ViewSignature, view_signature
+from fisheye_ep_calib.collection.information import most_informative
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.target.base import Target
+from fisheye_ep_calib.target.detection import Detection
 
 # Fixed, and not a matter of how many workers there are: the choice must not depend on the machine.
 FRAMES_A_ROUND = 24
@@ -57,6 +60,26 @@ def room_left(seen: int, count: int, choice: FrameChoice) -> int:
     if choice.every is not None:
         return 0
     return max(0, min(FRAMES_A_ROUND, choice.max_views - seen, count - seen))
+
+
+def next_look(
+    seen: Mapping[int, Detection | None], target: Target, image_size: tuple[int, int], count: int, choice: FrameChoice
+) -> list[int]:
+    """The images to look at next: those that tell most about the camera, else those where the target moves.
+
+    seen: image → what was found in it, or None; count: images there are. image_size: width, height, pixels.
+    """
+    room = room_left(len(seen), count, choice)
+    if room == 0:
+        return []
+    found = {image: detection for image, detection in seen.items() if detection is not None}
+    chosen = most_informative(found, sorted(seen), target, image_size, room)
+    signatures = {
+        image: view_signature(target.object_points[detection.point_index], detection.pixels, image_size)
+        for image, detection in found.items()
+    }
+    moved = closer_look({image: signatures.get(image) for image in seen}, room)
+    return sorted(chosen + [image for image in moved if image not in chosen][: room - len(chosen)])
 
 
 def closer_look(seen: Mapping[int, ViewSignature | None], room: int) -> list[int]:

@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.view_selection import ViewSignature, view_signature
-from fisheye_ep_calib.collection.choice import FrameChoice, closer_look, first_look, room_left
+from fisheye_ep_calib.collection.choice import FrameChoice, first_look, next_look
 from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
-from fisheye_ep_calib.collection.information import most_informative
 from fisheye_ep_calib.collection.pool import frame_pool
 from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
@@ -175,23 +173,9 @@ class Collector:
             log.add(result)
 
     def _next_look(self, seen: Mapping[int, FrameResult], count: int, choice: FrameChoice) -> list[int]:
-        """The images to look at next: those that tell most about the camera, else those where the target moves."""
-        room = room_left(len(seen), count, choice)
-        found = {index: frame for index, frame in seen.items() if frame.found}
-        chosen: list[int] = []
-        if room and found:
-            detections = {index: frame.detection for index, frame in found.items()}
-            size = next(iter(found.values())).image_size or (0, 0)
-            chosen = most_informative(detections, sorted(seen), self._target, size, room)
-        signatures = {index: self._signature(frame) for index, frame in seen.items()}
-        moving = [index for index in closer_look(signatures, room) if index not in chosen]
-        return sorted(chosen + moving[: room - len(chosen)])
-
-    def _signature(self, frame: FrameResult) -> ViewSignature | None:
-        if not frame.found or frame.image_size is None:
-            return None
-        points = self._target.object_points[frame.detection.point_index]
-        return view_signature(points, frame.detection.pixels, frame.image_size)
+        size = next((frame.image_size for frame in seen.values() if frame.found), None) or (0, 0)
+        found = {index: frame.detection if frame.found else None for index, frame in seen.items()}
+        return next_look(found, self._target, size, count, choice)
 
     def _progress(self, what: str, total: int):
         return progress_bar(what=what, total=total, quiet=self._quiet)

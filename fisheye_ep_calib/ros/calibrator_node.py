@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from typing import Any
 
@@ -38,7 +37,6 @@ class CalibratorNode:
     def __init__(self) -> None:
         """Raises InputError for parameters or files that cannot be used."""
         self.node = Node("calibrator")
-        self._stopping = threading.Event()
         self._patient = PatientNode(self.node)
         self._live: LiveCalibrator | None = None
         try:
@@ -49,7 +47,7 @@ class CalibratorNode:
 
     def close(self) -> None:
         """End workers and write what is not written; the node is of no use afterwards."""
-        self._stopping.set()
+        self._patient.stopping.set()
         live, self._live = self._live, None
         if live is not None:
             live.stop()
@@ -65,9 +63,7 @@ class CalibratorNode:
         self._publishers = {camera.name: CalibrationPublisher(self.node, camera) for camera in cameras}
         for camera in cameras:
             self._publishers[camera.name].update(camera.initial)
-        self._drivers = {
-            camera.name: DriverCommit(self._patient.node, self.node, camera, self._stopping) for camera in cameras
-        }
+        self._drivers = {camera.name: DriverCommit(self._patient, self.node, camera) for camera in cameras}
         self._status = StatusPublisher(self.node)
         self._rig = self.node.create_publisher(String, "~/rig", LATCHED) if settings.rig else None
         announcer = Announcer(logger.info, logger.warning)

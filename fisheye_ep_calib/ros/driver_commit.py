@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 
@@ -14,6 +13,7 @@ from fisheye_ep_calib.live.answer import Answer
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.camera_info_message import camera_info_message
+from fisheye_ep_calib.ros.patient_node import PatientNode
 
 PATIENCE = 5.0  # seconds for the drivers to be there, and for each one's answer
 _LOOK = 0.02  # seconds between looks whether it is there or has answered
@@ -22,13 +22,13 @@ _LOOK = 0.02  # seconds between looks whether it is there or has answered
 class DriverCommit:
     """One camera's driver. Waits, so it must not run where images are received."""
 
-    def __init__(self, patient: Node, node: Node, camera: CameraSettings, stopping: threading.Event) -> None:
-        """patient: the node that may wait, until stopping is set. node: whose name and remappings find the service."""
-        self._stopping = stopping
+    def __init__(self, patient: PatientNode, node: Node, camera: CameraSettings) -> None:
+        """patient: the node that may wait. node: by whose name and remappings the service is found."""
+        self._stopping = patient.stopping
         self._camera = camera
         self._service = node.resolve_service_name(camera.set_camera_info_service)
         group = MutuallyExclusiveCallbackGroup()  # answers must arrive while a service callback waits for them
-        self._client = patient.create_client(SetCameraInfo, self._service, callback_group=group)
+        self._client = patient.node.create_client(SetCameraInfo, self._service, callback_group=group)
 
     def commit(self, outcome: Outcome | None, give_up: float) -> Answer:
         """Call the driver and tell what it said. give_up: until when to wait for it to be there, by time.monotonic."""

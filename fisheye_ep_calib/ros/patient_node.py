@@ -12,8 +12,8 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from fisheye_ep_calib.live.answer import Answer
+from fisheye_ep_calib.ros.spinning import spin_until
 
-LOOK = 0.2  # seconds between looks whether to end
 THREADS = 6  # one for each service that waits, one for a driver's answer, one for the timers
 
 
@@ -35,8 +35,10 @@ class PatientNode:
             start_parameter_services=False,
         )
         self._executor = MultiThreadedExecutor(THREADS)
-        self._closed = False
-        self._thread = threading.Thread(target=self._spin, daemon=True, name="services")
+        self.stopping = threading.Event()  # whoever waits here gives up once it is set
+        self._thread = threading.Thread(
+            target=spin_until, args=(self._executor, self.stopping), daemon=True, name="services"
+        )
 
     def serve(self, name: str, action: Callable[[], Answer]) -> None:
         """A Trigger service ``~/name`` of the visible node."""
@@ -60,12 +62,8 @@ class PatientNode:
 
     def close(self) -> None:
         """Stop serving; an action under way is not waited for."""
-        self._closed = True
+        self.stopping.set()
         if self._thread.is_alive():
             self._thread.join()
-        self._executor.shutdown()  # not before: it takes away what the thread waits on
+        self._executor.shutdown()
         self.node.destroy_node()
-
-    def _spin(self) -> None:
-        while not self._closed:
-            self._executor.spin_once(LOOK)

@@ -16,8 +16,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from fisheye_ep_calib.errors import CalibrationError
-
-LOOK = 0.2  # seconds between a thread's looks whether it shall end, where nothing else wakes it
+from fisheye_ep_calib.ros.spinning import spin_until
 
 
 class NodeOwner(Protocol):
@@ -37,7 +36,7 @@ def run_node(name: str, make: Callable[[], NodeOwner], arguments: list[str] | No
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         owner = make()
-        _spin_until(ended, owner.node)
+        _serve_until(ended, owner.node)
     except CalibrationError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return error.exit_code
@@ -68,20 +67,15 @@ class _Bell:
         os.read(self._listening, 1)
 
 
-def _spin_until(ended: _Bell, node: Node) -> None:
+def _serve_until(ended: _Bell, node: Node) -> None:
     """Serve the node until the bell rings; raises what a callback raised."""
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     stopping = threading.Event()
-
-    def spin() -> None:
-        while not stopping.is_set():
-            executor.spin_once(LOOK)
-
     with ThreadPoolExecutor(1, "spin") as pool:
-        spinning = pool.submit(spin)
+        spinning = pool.submit(spin_until, executor, stopping)
         spinning.add_done_callback(lambda _: ended.ring())
         ended.wait()
         stopping.set()
-    executor.shutdown()  # not before: it takes away what the thread waits on
+    executor.shutdown()
     spinning.result()

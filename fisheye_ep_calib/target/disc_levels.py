@@ -61,7 +61,8 @@ def measure_levels(
     outside = _clear_of_discs(box, outside, _near_discs(image.shape, center, shape, band))
     trust = _trust(shape) * (1.0 if len(center) >= FEWEST_NEIGHBOURS else 0.02)
     plane, noise, share_kept = _board_planes(*box.select(outside), center, shape, dark, trust)
-    # Light falls on disc and board alike: a small disc's slope is taken as the board's in proportion.
+    # Light falls on disc and board alike: a small disc's slope, which its edge's blur would spoil, is taken as the
+    # board's in proportion.
     share = np.clip(dark / np.maximum(plane[:, 0], 1e-6), 0, 0.95)
     inside, meant = box.select(core)
     squares = inside.sum(meant * (inside.x**2 + inside.y**2)) / 2
