@@ -11,10 +11,10 @@ from fisheye_ep_calib.calibration.levenberg_marquardt import CONVERGED, minimise
 from fisheye_ep_calib.calibration.normal_equations import NormalEquations
 from fisheye_ep_calib.calibration.prediction import FeatureModel, predict
 from fisheye_ep_calib.calibration.robust import LINEAR, Loss
-from fisheye_ep_calib.calibration.rotation import moved_poses
 from fisheye_ep_calib.calibration.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.rotation import moved_poses
 
 # glibc gives large blocks back to the system as they are freed, so that every evaluation would fault its pages in anew:
 # half of the time. "Large" is what exceeds the largest block freed so far; this one is never touched.
@@ -34,7 +34,7 @@ class AdjustmentState:
 class AdjustmentProblem:
     """What is seen and what is free.
 
-    free: bool (P,), which of camera.parameters are estimated; None frees none. theta_limit: rad, the largest
+    free: bool (P,), which of camera.parameters are estimated. theta_limit: rad, the largest
     incidence angle that a trial camera may give a sighting.
     """
 
@@ -141,7 +141,6 @@ def adjust(
     state: AdjustmentState,
     max_iterations: int = 100,
     tolerance: float = CONVERGED,
-    damping: float = 1e-4,
 ) -> Adjustment:
     """Minimise the cost from a state on (levenberg_marquardt.py)."""
     found = minimise(
@@ -150,6 +149,5 @@ def adjust(
         state,
         max_iterations,
         tolerance,
-        damping,
     )
     return Adjustment(found.state, found.equations, found.iterations, found.converged)

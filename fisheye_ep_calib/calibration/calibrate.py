@@ -16,10 +16,12 @@ from fisheye_ep_calib.calibration.stand_in import single_viewpoint
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.calibration.uncertainty import uncertainty
 from fisheye_ep_calib.camera import LENS_EXTRAS
-from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.errors import CalibrationError, InputError
 
 AUTO = "auto"
-TARGET_AXIS = "_target_axis"
+PRINTED_FORM = "ep_odd_target_axis"
+DISC_CENTERS = ("unbiased", "naive")
+LOSSES = ("cut", "huber")
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,13 @@ class Options:
     disc_centers: str = "unbiased"
     loss: str = "cut"
     svp_distance: float = np.inf
+
+    def __post_init__(self) -> None:
+        for name, value, known in (("disc_centers", self.disc_centers, DISC_CENTERS), ("loss", self.loss, LOSSES)):
+            if value not in known:
+                raise InputError(f"unknown {name} {value!r}; known: {', '.join(known)}")
+        if not self.svp_distance > 0:
+            raise InputError(f"the single-viewpoint camera's distance must be positive, not {self.svp_distance:g} m")
 
 
 def calibrate(observations: Observations, model: str = AUTO, **options) -> CalibrationResult:
@@ -77,9 +86,9 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     }
     _refuse_undetermined(fit)
     central = candidates["kannala"]
-    richest = min(
+    best_pupil = min(
         (one for one in candidates.values() if one is not central),
-        key=lambda one: one.validation.rms_px,
+        key=lambda one: one.validation.mean_loss,
         default=None,
     )
     return CalibrationResult(
@@ -89,7 +98,7 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         stand_in=single_viewpoint(replace(fit.state.camera, theta_max=_evidence(fit)), settings.svp_distance),
         rejected=screening.rejected,
         wrong_views=screening.wrong_views,
-        entrance_pupil_supported=richest is not None and supported(richest, central),
+        entrance_pupil_supported=best_pupil is not None and supported(best_pupil, central),
         comparison={name: _comparison(one) for name, one in candidates.items()},
         reasons=reasons,
         seconds=seconds,
@@ -99,13 +108,13 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
 def _base_structure(settings: Options, model: str) -> Structure:
     extras = tuple(name for name in LENS_EXTRAS if getattr(settings, name))
     return Structure(
-        "ep_even" if model == AUTO else model.removesuffix(TARGET_AXIS),
+        {AUTO: "ep_even", PRINTED_FORM: "ep_odd"}.get(model, model),
         settings.terms,
         settings.lens,
         settings.skew is not False,
         extras,
         bool(settings.board_warp),
-        target_axis=model == f"ep_odd{TARGET_AXIS}",
+        target_axis=model == PRINTED_FORM,
     )
 
 
@@ -127,7 +136,19 @@ def _side_by_side(fit: Fit) -> dict[str, Candidate]:
 
 
 def _comparison(one: Candidate) -> Comparison:
-    return Comparison(one.structure.name, one.fit.rms_px, one.validation.rms_px, one.structure.parameter_count)
+    camera = one.fit.state.camera
+    try:
+        covariance = uncertainty(one.fit).covariance
+    except np.linalg.LinAlgError:
+        covariance = np.full((len(camera.parameters),) * 2, np.nan)
+    return Comparison(
+        one.structure.name,
+        one.fit.rms_px,
+        one.validation.rms_px,
+        one.structure.parameter_count,
+        camera,
+        covariance,
+    )
 
 
 def _evidence(fit: Fit) -> float:

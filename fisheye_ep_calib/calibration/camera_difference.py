@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.rotation import rotation_from_vector
-from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.rotation import motion_jacobian, rotation_from_vector, vector_from_rotation
 
 ALIGNMENTS = ("rotation", "rigid", "none")
-_FAR = 1e6  # metres, in place of infinity
 _GRID = 25  # pixels a side at which the cameras are compared
 _ITERATIONS = 20
 _SETTLED = 1e-10  # rad and metres
@@ -79,7 +78,7 @@ def camera_difference(
     _, own, _, d_first = replace(first, theta_max=np.pi).project_with_jacobian(points)
     used = seen & reached & own
     difference = np.where(used[..., None], projected - pixels, np.nan)
-    gauge = (d_point @ _motion(moved))[used].reshape(-1, 6)[:, :columns]
+    gauge = (d_point @ motion_jacobian(moved))[used].reshape(-1, 6)[:, :columns]
     variance = np.zeros(int(used.sum()))
     for d_parameters, covariance in ((d_first, covariances[0]), (d_second, covariances[1])):
         if covariance is not None:
@@ -113,10 +112,11 @@ def points_on_rays(
 
     |o + t d| = D with t > 0; infinity is taken as very far.
     """
-    distance = np.minimum(distance_m, _FAR)
+    distance = np.minimum(distance_m, FAR)
     along = (origins * directions).sum(axis=-1)
     square = along**2 + distance**2 - (origins**2).sum(axis=-1)
-    return origins + (np.sqrt(np.maximum(square, 0)) - along)[..., None] * directions, square > 0
+    reach = np.sqrt(np.maximum(square, 0)) - along
+    return origins + reach[..., None] * directions, (square > 0) & (reach > 0)
 
 
 def _alignment(camera, points, pixels, seen, columns: int) -> tuple[np.ndarray, np.ndarray]:
@@ -128,32 +128,14 @@ def _alignment(camera, points, pixels, seen, columns: int) -> tuple[np.ndarray, 
         used = seen & reached
         if 2 * used.sum() <= columns:
             break
-        derivative = (d_point @ _motion(moved))[used].reshape(-1, 6)[:, :columns]
+        derivative = (d_point @ motion_jacobian(moved))[used].reshape(-1, 6)[:, :columns]
         step = np.zeros(6)
         step[:columns] = np.linalg.lstsq(derivative, (pixels - projected)[used].ravel(), rcond=None)[0]
         turn = rotation_from_vector(step[:3])
         rotation, shift = turn @ rotation, turn @ shift + step[3:]
         if np.abs(step).max() < _SETTLED:
             break
-    return _vector_from_rotation(rotation), shift
-
-
-def _vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Rotation vector of a rotation by less than π."""
-    axis = 0.5 * np.array(
-        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
-    )
-    sine = float(np.linalg.norm(axis))
-    angle = np.arctan2(sine, 0.5 * (np.trace(rotation) - 1))
-    return axis * (angle / sine if sine > 0 else 1.0)
-
-
-def _motion(points: np.ndarray) -> np.ndarray:
-    """∂(p + ω × p + t)/∂(ω, t), (..., 3, 6)."""
-    x, y, z = (points[..., i] for i in range(3))
-    zero = np.zeros_like(x)
-    turn = np.stack([np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=-2)
-    return np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape)], axis=-1)
+    return vector_from_rotation(rotation), shift
 
 
 def _variance(d_parameters: np.ndarray, covariance: np.ndarray, gauge: np.ndarray) -> np.ndarray:

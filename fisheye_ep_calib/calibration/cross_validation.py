@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.adjustment import Adjustment, adjust, stepped
-from fisheye_ep_calib.calibration.fit import MIN_VIEWS, Fit, of_images
+from fisheye_ep_calib.calibration.adjustment import Adjustment, adjust, residuals, stepped
+from fisheye_ep_calib.calibration.fit import MIN_VIEWS, Fit, of_images, weighted_square
 from fisheye_ep_calib.calibration.normal_equations import solve_damped
 
 FOLDS = 5
@@ -21,21 +21,30 @@ _FAR_STEP = 0.02  # share of the cost: a larger step than this is followed by fu
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """square (K,): sums of squared held-out residuals of each fold, px²; count (K,): points in each."""
+    """square (K,): sums of squared held-out residuals of each fold, px²; count (K,): points in each.
+
+    loss (K,): sums of their loss ρ, px². It is what models are compared by; but for a robust loss it is ``square``.
+    """
 
     square: np.ndarray
+    loss: np.ndarray
     count: np.ndarray
 
     @property
     def rms_px(self) -> float:
         return float(np.sqrt(self.square.sum() / self.count.sum()))
 
+    @property
+    def mean_loss(self) -> float:
+        """px² a point."""
+        return float(self.loss.sum() / self.count.sum())
+
     def fold_log_ratios(self, other: CrossValidation) -> np.ndarray:
-        """ln(own / other RMS) of each fold (K,); negative where this one is better."""
-        return 0.5 * np.log(np.maximum(self.square, 1e-300) / np.maximum(other.square, 1e-300))
+        """½ ln(own / other loss) of each fold (K,); negative where this one is better."""
+        return 0.5 * np.log(np.maximum(self.loss, 1e-300) / np.maximum(other.loss, 1e-300))
 
     def log_ratio(self, other: CrossValidation) -> tuple[float, float]:
-        """Mean of the folds' ln(own / other RMS) and its standard error.
+        """Mean of ``fold_log_ratios`` and its standard error.
 
         Ratios a fold, not differences: one fold may hold the close-ups and with them all of the difference.
         """
@@ -50,16 +59,13 @@ def fold_of_view(views: int, folds: int = FOLDS) -> np.ndarray:
     return number
 
 
-def cross_validate(fit: Fit, folds: int = FOLDS) -> CrossValidation:
+def cross_validate(fit: Fit) -> CrossValidation:
     """Cross-validate a fit's structure; the folds are the same for every structure on the same views."""
     views = len(fit.sightings.images)
-    folds = max(2, min(folds, views // MIN_VIEWS if views < 2 * folds else folds))
+    folds = FOLDS if views >= 2 * FOLDS else max(2, min(FOLDS, views // MIN_VIEWS))
     number = fold_of_view(views, folds)
-    square, count = np.empty(folds), np.empty(folds)
-    for fold in range(folds):
-        trained = _fit_without(fit, number == fold)
-        square[fold], count[fold] = held_out_error(trained, fit, number == fold)
-    return CrossValidation(square, count)
+    found = [held_out_error(_fit_without(fit, number == fold), fit, number == fold) for fold in range(folds)]
+    return CrossValidation(*np.array(found, dtype=float).T)
 
 
 def _fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
@@ -83,8 +89,11 @@ def _fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
     return Adjustment(trial, equations, 1, True)
 
 
-def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple[float, int]:
-    """Sum of squared residuals, px², and number of points of the held-out views, poses refitted, camera frozen."""
+def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple[float, float, int]:
+    """Sums of squared residuals and of their loss, px², and number of points of the held-out views.
+
+    Poses are refitted, the camera is frozen.
+    """
     sightings = of_images(fit.sightings, fit.sightings.images[held_out])
     problem = replace(
         fit.problem,
@@ -94,4 +103,8 @@ def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple
     )
     state = replace(trained.state, camera_from_target=fit.state.camera_from_target[held_out])
     refitted = adjust(problem, state, tolerance=1e-5)
-    return 2 * refitted.equations.cost, sightings.point_count
+    loss = square = 2 * refitted.equations.cost
+    if problem.loss.kind != "linear":
+        error, _, _ = residuals(problem, refitted.state, len(sightings.observations.pixels))
+        square = float(weighted_square(error, sightings.observations.weights).sum())
+    return square, loss, sightings.point_count

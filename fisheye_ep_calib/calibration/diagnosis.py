@@ -10,15 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.camera_difference import CameraDifference, camera_difference
+from fisheye_ep_calib.calibration.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
 from fisheye_ep_calib.calibration.fit import MIN_VIEWS, Fit, of_images, refine
-from fisheye_ep_calib.calibration.uncertainty import projection_uncertainty, pupil_sigma, uncertainty
+from fisheye_ep_calib.calibration.uncertainty import pupil_sigma, uncertainty
 from fisheye_ep_calib.camera import FisheyeCamera
 
 RING_DEGREES = 15
-SECTORS = 8
-_SECTOR_NAMES = ("right", "lower right", "below", "lower left", "left", "upper left", "above", "upper right")
-_FAR = 1e6  # metres: where a pupil's shift has no effect
-_GRID = 15  # pixels a side at which two cameras are compared
+SECTORS = len(SECTOR_NAMES)
 
 
 @dataclass(frozen=True)
@@ -35,32 +34,46 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class NearFarSplit:
+    """The structure fitted to the nearer and to the farther half of the views, and how the two cameras differ.
+
+    near_m, far_m: median distances of the halves. difference: at infinity, for the field that both have seen.
+    """
+
+    near_m: float
+    far_m: float
+    difference: CameraDifference
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """counts (rings, sectors): sightings by incidence angle and azimuth. reachable: bool, same shape, in the image.
 
-    view_rms_px (V,): RMS of each view. findings: in words.
+    view_rms_px (V,): RMS of each view. near_far: None where a half determines no camera. findings: in words.
     """
 
     counts: np.ndarray
     reachable: np.ndarray
     view_rms_px: np.ndarray
+    near_far: NearFarSplit | None
     findings: tuple[Finding, ...]
 
 
 def diagnose(fit: Fit, camera: FisheyeCamera, names: tuple[str, ...]) -> Diagnosis:
     """camera: the fitted one with its theta_max. names: of the images."""
     theta, azimuth, distance = _sighting_geometry(fit)
-    counts = _ring_sector_counts(theta, azimuth)
-    reachable = _reachable(camera, len(counts))
+    counts = coverage(theta, azimuth, RING_DEGREES, SECTORS)
+    in_image = reachable(camera, len(counts), RING_DEGREES, SECTORS)
     view_rms = _view_rms(fit)
+    split = split_near_far(fit, distance)
     findings = [
-        _coverage(counts, reachable),
+        _coverage(counts, in_image),
         _depth(theta, distance),
         *([_pupil_against_depth(fit)] if len(camera.coefficients) else []),
-        *_near_far(fit, distance),
+        *([_near_far(split, bool(fit.structure.pupil_terms))] if split else []),
         _worst_view(fit, view_rms, names),
     ]
-    return Diagnosis(counts, reachable, view_rms, tuple(findings))
+    return Diagnosis(counts, in_image, view_rms, split, tuple(findings))
 
 
 def _used(fit: Fit) -> np.ndarray:
@@ -70,34 +83,9 @@ def _used(fit: Fit) -> np.ndarray:
 
 def _sighting_geometry(fit: Fit):
     """Incidence angle (rad), azimuth (rad) and distance from the camera (metres) of every sighting used."""
-    observations, used = fit.sightings.observations, _used(fit)
-    view = np.searchsorted(fit.sightings.images, observations.image_index[used])
-    pose = fit.state.camera_from_target[view]
-    points = observations.object_points[observations.point_index[used]]
-    points = np.einsum("nij,nj->ni", pose[:, :3, :3], points) + pose[:, :3, 3]
-    theta = fit.residuals[1][used]
-    return theta, np.arctan2(points[:, 1], points[:, 0]), np.linalg.norm(points, axis=-1)
-
-
-def _ring_sector_counts(theta: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    ring = (np.degrees(theta) // RING_DEGREES).astype(int)
-    rings = int(ring.max()) + 1
-    return np.bincount(ring * SECTORS + _sector(azimuth), minlength=rings * SECTORS).reshape(rings, SECTORS)
-
-
-def _sector(azimuth: np.ndarray) -> np.ndarray:
-    return np.round(azimuth / (2 * np.pi / SECTORS)).astype(int) % SECTORS
-
-
-def _reachable(camera: FisheyeCamera, rings: int) -> np.ndarray:
-    """bool (rings, SECTORS): whether the image shows directions of that ring and sector."""
-    width, height = camera.image_size
-    theta = np.radians(RING_DEGREES * (np.arange(rings) + 0.5))
-    angle = 2 * np.pi * np.arange(SECTORS) / SECTORS
-    theta, angle = np.meshgrid(theta, angle, indexing="ij")
-    directions = np.stack([np.sin(theta) * np.cos(angle), np.sin(theta) * np.sin(angle), np.cos(theta)], -1)
-    pixels, valid = camera.project(directions * _FAR)
-    return valid & (pixels >= 0).all(axis=-1) & (pixels <= [width - 1, height - 1]).all(axis=-1)
+    used = _used(fit)
+    seen = azimuth_and_distance(fit.sightings.observations, fit.sightings.images, fit.state.camera_from_target, used)
+    return fit.residuals[1][used], *seen
 
 
 def _coverage(counts: np.ndarray, reachable: np.ndarray) -> Finding:
@@ -108,7 +96,7 @@ def _coverage(counts: np.ndarray, reachable: np.ndarray) -> Finding:
     if len(missing) == 0:
         return Finding("coverage", values, False, "every part of the field up to the largest angle seen is covered")
     ring = int(missing[:, 0].max())
-    sectors = ", ".join(_SECTOR_NAMES[sector] for which, sector in missing if which == ring)
+    sectors = ", ".join(SECTOR_NAMES[sector] for which, sector in missing if which == ring)
     return Finding(
         "coverage",
         values,
@@ -158,80 +146,61 @@ def _pupil_against_depth(fit: Fit) -> Finding:
     return Finding("pupil against depth", values, concern, told + advice)
 
 
-def _near_far(fit: Fit, distance: np.ndarray) -> list[Finding]:
-    """Fit the nearer and the farther half of the views by themselves and compare them at infinity."""
+def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
+    """Fit the nearer and the farther half of the views by themselves and compare them at infinity.
+
+    distance (n,): metres, of every sighting used. None where a half determines no camera.
+    """
     observations, used = fit.sightings.observations, _used(fit)
     view = np.searchsorted(fit.sightings.images, observations.image_index[used])
     views = len(fit.sightings.images)
     mean = np.bincount(view, weights=distance, minlength=views) / np.maximum(np.bincount(view, minlength=views), 1)
     order = np.argsort(mean, kind="stable")
-    halves = []
-    for part in (order[: views // 2], order[views // 2 :]):
+    parts = (order[: views // 2], order[views // 2 :])
+    cameras, covariances = [], []
+    for part in parts:
         images = fit.sightings.images[np.sort(part)]
         enough = 2 * sum(np.isin(observations.image_index[used], images)) > 2 * fit.problem.shared_size + 12 * len(part)
         if len(part) < MIN_VIEWS or not enough:
-            return []
+            return None
         half = refine(fit, fit.structure, of_images(fit.sightings, images))
         if not half.adjustment.converged:
-            return []
-        halves.append(half)
-    difference, expected = difference_at_infinity(*halves)
+            return None
+        seen = float(half.residuals[1][_used(half)].max())
+        cameras.append(replace(half.state.camera, theta_max=seen))
+        covariances.append(uncertainty(half).covariance)
+    near, far = (float(np.median(mean[part])) for part in parts)
+    difference = camera_difference(cameras[0], cameras[1], (np.inf,), (covariances[0], covariances[1]))
+    return NearFarSplit(near, far, difference)
+
+
+def _near_far(split: NearFarSplit, pupil: bool) -> Finding:
+    difference, expected = (
+        float(np.sqrt(np.nanmean(px**2))) for px in (split.difference.length_px, split.difference.sigma_px)
+    )
     values = {
-        "near_m": float(np.median(mean[order[: views // 2]])),
-        "far_m": float(np.median(mean[order[views // 2 :]])),
+        "near_m": split.near_m,
+        "far_m": split.far_m,
         "difference_px": difference,
         "expected_px": expected,
     }
     told = (
-        f"the near half ({values['near_m']:.3f} m) and the far half ({values['far_m']:.3f} m) differ by "
+        f"the near half ({split.near_m:.3f} m) and the far half ({split.far_m:.3f} m) differ by "
         f"{difference:.3f} px at infinity, {expected:.3f} px expected"
     )
     if difference <= 2.5 * expected:
-        return [Finding("near/far split", values, False, f"{told}: the camera holds at every distance recorded")]
-    return [
-        Finding(
-            "near/far split",
-            values,
-            True,
-            f"{told}: an error hides at the distances recorded and shows at others; "
-            + (
-                "check that the target is flat and record more views, near and far"
-                if fit.structure.pupil_terms
-                else "let a pupil be estimated (--model auto), or record only at the distance of use"
-            ),
-        )
-    ]
-
-
-def difference_at_infinity(one: Fit, other: Fit) -> tuple[float, float]:
-    """RMS difference, px, of two fits' cameras for far points, and the RMS that their uncertainties predict.
-
-    The second camera is turned to agree best with the first: an orientation is no property of a camera.
-    """
-    cameras = [replace(fit.state.camera, theta_max=_seen(one, other)) for fit in (one, other)]
-    width, height = cameras[0].image_size
-    u, v = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
-    pixels = np.stack([u.ravel(), v.ravel()], axis=-1)
-    _, directions, valid = cameras[0].unproject(pixels)
-    far = directions[valid] * _FAR
-    projected, reached, d_point, _ = cameras[1].project_with_jacobian(far)
-    error = (projected - pixels[valid])[reached]
-    x, y, z = (far[reached][:, i] for i in range(3))
-    zero = np.zeros_like(x)
-    turn = np.stack([np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=-2)
-    columns = (d_point[reached] @ turn).reshape(-1, 3)
-    left = error.ravel() - columns @ np.linalg.lstsq(columns, error.ravel(), rcond=None)[0]
-    variance = sum(
-        projection_uncertainty(camera, uncertainty(fit), fit.problem.free, far[reached]) ** 2
-        for camera, fit in zip(cameras, (one, other), strict=True)
+        return Finding("near/far split", values, False, f"{told}: the camera holds at every distance recorded")
+    return Finding(
+        "near/far split",
+        values,
+        True,
+        f"{told}: an error hides at the distances recorded and shows at others; "
+        + (
+            "check that the target is flat and record more views, near and far"
+            if pupil
+            else "let a pupil be estimated (--model auto), or record only at the distance of use"
+        ),
     )
-    count = max(int(reached.sum()), 1)
-    return float(np.sqrt((left**2).sum() / count)), float(np.sqrt(2 * np.mean(variance)))
-
-
-def _seen(*fits: Fit) -> float:
-    """The largest angle, rad, that all of the fits have seen."""
-    return min(float(fit.residuals[1][_used(fit)].max()) for fit in fits)
 
 
 def _view_rms(fit: Fit) -> np.ndarray:

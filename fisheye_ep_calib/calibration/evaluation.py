@@ -8,7 +8,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.adjustment import AdjustmentProblem, AdjustmentState, adjust, residuals
 from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
-from fisheye_ep_calib.calibration.fit import MIN_POINTS, Sightings, of_images, sightings_of
+from fisheye_ep_calib.calibration.fit import MIN_POINTS, Sightings, of_images, sightings_of, why_no_pose
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.ray_pose import poses_from_rays
 from fisheye_ep_calib.calibration.views import view_blocks
@@ -55,11 +55,11 @@ def evaluate_camera(
     warp = np.zeros(len(WARP_NAMES)) if board_warp is None else np.asarray(board_warp, dtype=float)
     sightings = sightings_of(observations, disc_centers)
     failed = {
-        int(image): f"fewer than {MIN_POINTS} points"
+        int(image): why_no_pose(observations, int(image))
         for image in np.setdiff1d(np.unique(observations.image_index), sightings.images)
     }
     if len(sightings.images) == 0:
-        raise CalibrationError(f"no view has {MIN_POINTS} points or more: there is nothing to evaluate")
+        raise CalibrationError(f"no view has {MIN_POINTS} points not on one line: there is nothing to evaluate")
     problem = AdjustmentProblem(
         sightings.blocks,
         sightings.features,

@@ -66,8 +66,12 @@ class Fit:
         """√ mean(dx² + dy²) of the weighted residuals over the points used."""
         if self.problem.loss.kind == "linear":
             return float(np.sqrt(2 * self.adjustment.equations.cost / self.sightings.point_count))
-        weighted = self.residuals[0] * self.sightings.observations.weights[:, None]
-        return float(np.sqrt(np.nansum(weighted**2) / self.sightings.point_count))
+        return float(np.sqrt(self.weighted_square.mean()))
+
+    @property
+    def weighted_square(self) -> np.ndarray:
+        """Squared lengths (n,), px², of the weighted residuals of the points used."""
+        return weighted_square(self.residuals[0], self.sightings.observations.weights)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -89,6 +93,12 @@ class Fit:
         return residuals(self.problem, self.state, len(self.sightings.observations.pixels))
 
 
+def weighted_square(error: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Squared lengths (n,) of weighted residuals, from errors (M, 2) px and weights (M,), of those that are used."""
+    square = (error**2).sum(axis=-1) * weights**2
+    return square[(weights > 0) & np.isfinite(square)]
+
+
 def sightings_of(observations: Observations, disc_centers: str = "unbiased") -> Sightings:
     """The images with enough sightings for a pose.
 
@@ -105,8 +115,8 @@ def prepare(observations: Observations, disc_centers: str = "unbiased") -> Sight
     sightings = sightings_of(observations, disc_centers)
     if len(sightings.images) < MIN_VIEWS:
         raise CalibrationError(
-            f"{_count(len(sightings.images), 'view has', 'views have')} at least {MIN_POINTS} points; at least "
-            f"{MIN_VIEWS} are needed, and 20 or more for a good calibration: record more views"
+            f"{_count(len(sightings.images), 'view has', 'views have')} at least {MIN_POINTS} points, not on one line; "
+            f"at least {MIN_VIEWS} are needed, and 20 or more for a good calibration: record more views"
         )
     return sightings
 
@@ -126,6 +136,12 @@ def with_weights(sightings: Sightings, weights: np.ndarray) -> Sightings:
 def of_images(sightings: Sightings, images: np.ndarray) -> Sightings:
     """Some of the images alone; observation rows keep their places."""
     return replace(sightings, images=images, blocks=view_blocks(sightings.observations, images))
+
+
+def why_no_pose(observations: Observations, image: int) -> str:
+    """Why ``sightings_of`` left out an image that was observed."""
+    count = int(((observations.image_index == image) & (observations.weights > 0)).sum())
+    return f"fewer than {MIN_POINTS} points" if count < MIN_POINTS else "its points lie on one line"
 
 
 def _images_with_points(observations: Observations) -> np.ndarray:

@@ -1,8 +1,7 @@
 """Where to hold the target next: the pose that narrows what is known least about E(θ) and r(θ) most.
 
-A greedy design: to first order a view with information N lowers a variance jᵀ M⁻¹ j by jᵀ M⁻¹ N M⁻¹ j, with M the
-information so far (Fedorov, Theory of Optimal Experiments, 1972). The variances, each relative to its present value,
-are those of E(θ) and of r(θ) over the field.
+A greedy design (view_information.variance_reduction): the variances, each relative to its present value, are those
+of E(θ) and of r(θ) over the field.
 """
 
 from __future__ import annotations
@@ -11,23 +10,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.rotation import rotation_from_vector
-from fisheye_ep_calib.calibration.view_information import view_information
+from fisheye_ep_calib.calibration.coverage import SECTOR_NAMES, sector_of
+from fisheye_ep_calib.calibration.view_information import variance_reduction, view_information
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.rotation import rotation_from_vector
 
 _DIRECTIONS = np.radians([0.0, 30.0, 50.0, 65.0, 78.0, 88.0])
 _AZIMUTHS = 8
 _TILTS = np.radians([0.0, 25.0, 45.0])
 _TILT_AZIMUTHS = 4
 _MOST_POINTS = 40  # of the target: enough to tell poses apart
-_SECTORS = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
 
 
 @dataclass(frozen=True)
 class Suggestion:
     """A pose worth recording. theta, azimuth: direction of the target's middle, rad; distance: metres; tilt: rad.
 
-    camera_from_target (4, 4). gain: the share by which the variance of what is known least would shrink.
+    camera_from_target (4, 4). gain: the share by which these variances would shrink in the mean.
     """
 
     theta: float
@@ -41,7 +40,7 @@ class Suggestion:
     def sentence(self) -> str:
         """What to tell the person who holds the target."""
         degrees = np.degrees(self.theta)
-        sector = _SECTORS[int(np.round(self.azimuth / (2 * np.pi / len(_SECTORS)))) % len(_SECTORS)]
+        sector = SECTOR_NAMES[sector_of(self.azimuth, len(SECTOR_NAMES))]
         where = "in the middle of the image"
         if degrees > 10:
             where = (
@@ -68,12 +67,8 @@ def next_view(
     known = view_information(camera, points, camera_from_target).information.sum(axis=0)
     grid, poses = _candidate_poses(object_points, camera_from_target, distances)
     information = view_information(camera, points, poses).information
-    scale = 1 / np.sqrt(np.maximum(np.diag(known), 1e-300))
-    covariance = np.linalg.inv(known * scale * scale[:, None] + 1e-9 * np.eye(len(known)))
-    sought = sought_rows(camera) * scale
-    variance = np.einsum("qi,ij,qj->q", sought, covariance, sought)
-    spread = (sought @ covariance) / np.sqrt(np.maximum(variance, 1e-300))[:, None]
-    gain = np.einsum("nij,ij->n", information * scale * scale[:, None], spread.T @ spread) / len(sought)
+    sought = sought_rows(camera)
+    gain = variance_reduction(information, known, sought) / len(sought)
     best = int(np.argmax(gain))
     theta, azimuth, distance, tilt = (float(value) for value in grid[best])
     return Suggestion(theta, azimuth, distance, tilt, poses[best], float(gain[best] / (1 + gain[best])))

@@ -11,6 +11,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.normal_equations import NormalEquations, Step, solve_damped
 
 CONVERGED = 1e-10  # predicted decrease of the cost, as a fraction of it
+_FIRST_DAMPING = 1e-4
 _MOST_DAMPING = 1e14
 
 State = TypeVar("State")
@@ -32,7 +33,6 @@ def minimise(
     state: State,
     max_iterations: int = 100,
     tolerance: float = CONVERGED,
-    damping: float = 1e-4,
 ) -> Minimum[State]:
     """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping; Madsen et al. 2004, algorithm 3.16).
 
@@ -40,7 +40,7 @@ def minimise(
     below tolerance × cost.
     """
     equations = evaluate(state)
-    growth = 4.0
+    damping, growth = _FIRST_DAMPING, 4.0
     for iteration in range(max_iterations):
         try:
             step = solve_damped(equations, damping)

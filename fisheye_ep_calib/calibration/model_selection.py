@@ -104,20 +104,20 @@ class Search:
     board_warp: bool = True
 
 
-def choose(start: Fit, base: Structure, search: Search, models: tuple[str, ...] = tuple(PUPIL_FAMILIES)) -> Choice:
+def choose(start: Fit, base: Structure, search: Search) -> Choice:
     """Choose among the models, deciding extras first: a board's bow would else pass for a pupil's shift.
 
     base: what the user has fixed; search: what is open. The additions are tried one by one on the model that predicts
     best, each kept where a nested test and cross-validation agree; then all models are compared with what was kept.
     """
     reasons = []
-    fitted = {model: candidate(start, _with_model(base, model, base.terms)) for model in models}
-    best = min(fitted.values(), key=lambda one: one.validation.rms_px)
+    fitted = {model: candidate(start, _with_model(base, model, base.terms)) for model in PUPIL_FAMILIES}
+    best = min(fitted.values(), key=lambda one: one.validation.mean_loss)
     structure = best.structure
     additions = [_WARP] * search.board_warp + list(search.extras)
     while additions:
         tried = {name: candidate(best.fit, _with_addition(best.structure, name)) for name in additions}
-        name, richer = min(tried.items(), key=lambda item: item[1].validation.rms_px)
+        name, richer = min(tried.items(), key=lambda item: item[1].validation.mean_loss)
         kept = supported(richer, best)
         reasons.append(_reason(name, richer, best, kept))
         if not kept:
@@ -134,7 +134,7 @@ def choose(start: Fit, base: Structure, search: Search, models: tuple[str, ...] 
             model: best
             if model == best.structure.model
             else candidate(fitted[model].fit, _with_model(best.structure, model, base.terms))
-            for model in models
+            for model in PUPIL_FAMILIES
         }
     chosen = simplest_good(fitted)
     if base.terms is None:
@@ -169,9 +169,9 @@ def _with_addition(structure: Structure, name: str) -> Structure:
 
 def simplest_good(candidates: dict[str, Candidate]) -> Candidate:
     """The candidate with the fewest parameters that the best one does not clearly beat; ties by prediction."""
-    best = min(candidates.values(), key=lambda one: one.validation.rms_px)
+    best = min(candidates.values(), key=lambda one: one.validation.mean_loss)
     good = [one for one in candidates.values() if one is best or not best.clearly_better(one)]
-    chosen = min(good, key=lambda one: (one.structure.parameter_count, one.validation.rms_px))
+    chosen = min(good, key=lambda one: (one.structure.parameter_count, one.validation.mean_loss))
     central = candidates.get("kannala")
     if central is not None and chosen is not central and not supported(chosen, central):
         return central

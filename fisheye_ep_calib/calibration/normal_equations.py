@@ -54,7 +54,7 @@ class NormalEquations:
         return self.by_view[:, 6:-1, -1].sum(axis=0)
 
     def of_views(self, views: np.ndarray) -> NormalEquations:
-        """The equations of some of the views alone, at the same state."""
+        """The equations of some of the views alone, at the same state; under a robust loss the cost is Σ ρ′ s / 2."""
         part = self.by_view[views]
         return NormalEquations(part, 0.5 * float(part[:, -1, -1].sum()), self.valid)
 

@@ -18,7 +18,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.projection import not_computed, project_coordinates
 from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
 
-_BOUNDARY_SAMPLES = 8  # the centroid is then right to 1e-5 px
+_BOUNDARY_SAMPLES = 8  # the centroid is then right to 1e-6 px
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class FeatureModel:
 
 @dataclass(frozen=True)
 class Prediction:
-    """pixels (2, B, N); valid (B, N); theta (B, N) rad of the point itself.
+    """pixels (2, B, N); valid (B, N); theta (B, N) rad of the point, the mean over a disc's boundary.
 
     d_pose (2, 6, B, N): by (ω, δt) of R ← exp(ω) R, t ← t + δt. d_camera (2, P, B, N): by camera.parameters.
     d_warp (2, 3, B, N).

@@ -17,12 +17,17 @@ from fisheye_ep_calib.camera import FisheyeCamera
 
 @dataclass(frozen=True)
 class Comparison:
-    """One model on the same sightings. cross_validated_rms_px: on views that it was not fitted to."""
+    """One model on the same sightings. cross_validated_rms_px: on views that it was not fitted to.
+
+    covariance (P, P): of camera.parameters; NaN where the sightings leave some of them open.
+    """
 
     model: str
     rms_px: float
     cross_validated_rms_px: float
     parameters: int
+    camera: FisheyeCamera
+    covariance: np.ndarray
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.calibration.camera_difference import points_on_rays
+from fisheye_ep_calib.camera import FAR, FisheyeCamera
+from fisheye_ep_calib.errors import CalibrationError, InputError
 
 LOSS_DISTANCES = (0.1, 0.3, 1.0, 10.0)  # metres
 _GRID = 25  # pixels a side at which the two cameras are compared
+_SAME_PIXEL = 1e-3  # px
+_LEAST_POINTS = 0.5  # of the grid's pixels that have a ray
 _NOT_PINHOLE = 1e-12  # consumers read D = 0 as "no distortion at all", a pinhole
 
 
@@ -34,6 +37,11 @@ class StandIn:
 def single_viewpoint(camera: FisheyeCamera, distance: float = np.inf) -> StandIn:
     """Fit the stand-in for points at a distance (metres, may be infinite) from the camera frame's origin."""
     pixels, points = _points_over_image(camera, distance)
+    if len(points) < _LEAST_POINTS * len(_points_over_image(camera, np.inf)[0]):
+        raise CalibrationError(
+            f"the camera sees hardly a point at {distance:g} m, nearer than its entrance pupil moves: "
+            "choose a larger --svp-distance"
+        )
     start = FisheyeCamera(
         camera.image_size,
         camera.fx,
@@ -81,7 +89,7 @@ def _field(camera: FisheyeCamera) -> tuple[np.ndarray, np.ndarray]:
     azimuth = np.radians(np.arange(0, 360, 5))
     theta = 0.999 * camera.theta_limit
     rim = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta) + 0 * azimuth], -1)
-    pixels = _project(camera, 1e6 * rim)
+    pixels = _project(camera, FAR * rim)
     last = np.array(camera.image_size) - 1.0
     return np.clip(pixels.min(axis=0), 0, last), np.clip(pixels.max(axis=0), 0, last)
 
@@ -97,8 +105,9 @@ def _points_over_image(camera: FisheyeCamera, distance: float) -> tuple[np.ndarr
     origins, directions, valid = camera.unproject(pixels)
     if np.isinf(distance):
         return pixels[valid], directions[valid]
-    along = (origins * directions).sum(axis=-1)
-    square = along**2 + distance**2 - (origins**2).sum(axis=-1)
-    valid &= square > 0
-    points = origins + (np.sqrt(np.maximum(square, 0)) - along)[..., None] * directions
+    points, seen = points_on_rays(origins, directions, np.asarray(distance))
+    # Very near, several rays may pass through a point.
+    back, seen_back = camera.project(points)
+    with np.errstate(invalid="ignore"):
+        valid &= seen & seen_back & (np.abs(back - pixels).max(axis=-1) < _SAME_PIXEL)
     return pixels[valid], points[valid]

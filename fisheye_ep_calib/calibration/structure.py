@@ -66,7 +66,7 @@ class Structure:
             focal_length,
             float(centre[0]),
             float(centre[1]),
-            radial=LENSES[self.lens].central_coefficients,
+            radial=LENSES[self.lens].start_coefficients,
             model=self.model,
             coefficients=(0.0,) * self.pupil_terms,
             extras={name: (0.0,) * len(LENS_EXTRAS[name].coefficient_names) for name in self.extras},

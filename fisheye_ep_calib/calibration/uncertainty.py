@@ -1,7 +1,7 @@
 """What the calibration does not know: covariance of its parameters, bands for E(θ) and r(θ), projection error.
 
 Cov = σ² I⁻¹ with I the information on the shared parameters once every pose is free, and σ² the residuals' sum of
-squares over the degrees of freedom.
+squares over the degrees of freedom, or what robust.noise_variance puts in its place.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import numpy as np
 from fisheye_ep_calib.calibration.fit import Fit
 from fisheye_ep_calib.calibration.normal_equations import reduced_information, solve_scaled
 from fisheye_ep_calib.calibration.prediction import predict
-from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.calibration.robust import noise_variance
+from fisheye_ep_calib.camera import FAR, FisheyeCamera
+from fisheye_ep_calib.rotation import motion_jacobian
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,8 @@ class Uncertainty:
 def uncertainty(fit: Fit) -> Uncertainty:
     """Of a converged fit."""
     equations = fit.adjustment.equations
-    variance = 2 * equations.cost / max(fit.degrees_of_freedom, 1)
-    information = reduced_information(equations)
+    variance, weight = noise_variance(fit.problem.loss, fit.weighted_square, fit.degrees_of_freedom)
+    information = reduced_information(equations) / weight
     shared = variance * solve_scaled(information, np.eye(len(information)))
     shared = 0.5 * (shared + shared.T)
     free = np.flatnonzero(fit.problem.free)
@@ -103,7 +105,6 @@ def _band(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 TABLE_DISTANCES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
 _TABLE_STEP = 10  # degrees
-_FAR = 1e6  # metres, in place of infinity
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def projection_table(camera: FisheyeCamera, known: Uncertainty, free: np.ndarray
     degrees = np.arange(0, int(np.degrees(camera.theta_limit)) + 1, _TABLE_STEP)
     azimuth = np.radians(np.arange(0, 360, 45))
     distances = np.array(TABLE_DISTANCES)
-    theta, turn, distance = np.meshgrid(np.radians(degrees), azimuth, np.minimum(distances, _FAR), indexing="ij")
+    theta, turn, distance = np.meshgrid(np.radians(degrees), azimuth, np.minimum(distances, FAR), indexing="ij")
     directions = np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn), np.cos(theta)], axis=-1)
     points = directions * distance[..., None]
     points[..., 2] -= camera.entrance_pupil(theta)
@@ -137,10 +138,7 @@ def projection_uncertainty(
     no error of the camera, so the gauge's motion is taken along (as in mrcal's projection uncertainty).
     """
     _, _, d_point, d_parameters = camera.project_with_jacobian(points)
-    x, y, z = (points[..., i] for i in range(3))
-    zero = np.zeros_like(x)
-    turn = np.stack([np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=-2)
-    motion = np.concatenate([d_point @ turn, d_point], axis=-1)
+    motion = d_point @ motion_jacobian(points)
     columns = motion @ known.gauge
     columns[..., : int(free.sum())] += d_parameters[..., free]
     covariance = columns @ known.shared @ np.swapaxes(columns, -1, -2)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.rotation import motion_jacobian
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,7 @@ def view_information(camera: FisheyeCamera, points: np.ndarray, poses: np.ndarra
     turned = points @ np.swapaxes(poses[:, :3, :3], -1, -2)
     pixels, valid, d_point, d_camera = camera.project_with_jacobian(turned + poses[:, None, :3, 3])
     inside = valid & ((pixels > 0) & (pixels < np.array(camera.image_size) - 1)).all(axis=-1)
-    # ∂(ω × q + t): a turn by ω about the target's origin moves q = R p by −[q]× ω.
-    cross = np.zeros((*turned.shape, 3))
-    for axis in range(3):
-        after, last = (axis + 1) % 3, (axis + 2) % 3
-        cross[..., axis, after], cross[..., axis, last] = turned[..., last], -turned[..., after]
-    d_pose = np.concatenate([d_point @ cross, d_point], axis=-1)
+    d_pose = d_point @ motion_jacobian(turned)
     shape = (len(poses), -1)
     a = np.where(inside[..., None, None], d_camera, 0).reshape(*shape, d_camera.shape[-1])
     b = np.where(inside[..., None, None], d_pose, 0).reshape(*shape, 6)
@@ -44,3 +40,18 @@ def view_information(camera: FisheyeCamera, points: np.ndarray, poses: np.ndarra
     information = np.swapaxes(a, -1, -2) @ a - folded
     information[inside.sum(axis=-1) < 4] = 0
     return ViewInformation(np.where(inside[..., None], pixels, np.nan), information)
+
+
+def variance_reduction(information: np.ndarray, known: np.ndarray, sought: np.ndarray) -> np.ndarray:
+    """How much each view (F,) would lower the variances of what is sought, as shares of them, summed over it.
+
+    information (F, P, P): of the views; known M (P, P): so far; sought (Q, P): rows j, derivatives of what is sought
+    by the parameters. To first order a view with information N lowers a variance jᵀ M⁻¹ j by jᵀ M⁻¹ N M⁻¹ j (Fedorov,
+    Theory of Optimal Experiments, 1972).
+    """
+    scale = 1 / np.sqrt(np.maximum(np.diag(known), 1e-300))
+    covariance = np.linalg.inv(known * scale * scale[:, None] + 1e-9 * np.eye(len(known)))
+    rows = sought * scale
+    variance = np.einsum("qi,ij,qj->q", rows, covariance, rows)
+    spread = (rows @ covariance) * scale / np.sqrt(np.maximum(variance, 1e-300))[:, None]
+    return np.einsum("nij,ij->n", information, spread.T @ spread)

@@ -21,6 +21,7 @@ from fisheye_ep_calib.camera.pupils import (
 )
 from fisheye_ep_calib.errors import InputError
 
+FAR = 1e6  # metres, in place of infinity: a pupil's shift has no effect there
 _PIXEL_PARAMETERS = ("fx", "fy", "skew", "cx", "cy")
 
 
@@ -202,20 +203,22 @@ class FisheyeCamera:
         found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
         return found.theta
 
-    def _plane(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Normalised plane coordinates before the extras, of pixels (..., 2)."""
+    def _plane(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Normalised plane coordinates before the extras, of pixels (..., 2), and whether the extras reach them."""
         plane_y = (pixels[..., 1] - self.cy) / self.fy
         plane_x = (pixels[..., 0] - self.cx - self.skew * plane_y) / self.fx
+        reached = np.ones(plane_x.shape, dtype=bool)
         for name, coefficients in reversed(self.active_extras):
-            plane_x, plane_y = LENS_EXTRAS[name].invert(plane_x, plane_y, coefficients)
-        return plane_x, plane_y
+            plane_x, plane_y, inverted = LENS_EXTRAS[name].invert(plane_x, plane_y, coefficients)
+            reached &= inverted
+        return plane_x, plane_y, reached
 
     def unproject(self, pixels) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One ray a pixel (..., 2): origins (..., 3) on the axis, metres, unit directions (..., 3), valid (...).
 
         θ = r⁻¹(|m|), origin (0, 0, −E(θ)), direction (sinθ cosφ, sinθ sinφ, cosθ).
         """
-        plane_x, plane_y = self._plane(np.asarray(pixels, dtype=float))
+        plane_x, plane_y, reached = self._plane(np.asarray(pixels, dtype=float))
         radius = np.hypot(plane_x, plane_y)
         theta, valid = solve_angle(self.lens_model, radius, self.radial_array, self.theta_limit)
         safe = np.where(radius > 0, radius, 1.0)
@@ -225,7 +228,7 @@ class FisheyeCamera:
         )
         origins = np.zeros_like(directions)
         origins[..., 2] = -self.entrance_pupil(theta)
-        return origins, directions, valid
+        return origins, directions, valid & reached
 
     def unproject_with_jacobian(self, pixels):
         """``unproject`` with ∂origins/∂pixels and ∂directions/∂pixels, each (..., 3, 2).
@@ -235,7 +238,7 @@ class FisheyeCamera:
         """
         pixels = np.asarray(pixels, dtype=float)
         origins, directions, valid = self.unproject(pixels)
-        plane_x, plane_y = self._plane(pixels)
+        plane_x, plane_y, _ = self._plane(pixels)
         radius = np.hypot(plane_x, plane_y)
         theta = np.arctan2(np.hypot(directions[..., 0], directions[..., 1]), directions[..., 2])
         slope = self.lens_model.radius_derivative(theta, self.radial_array)

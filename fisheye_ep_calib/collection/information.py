@@ -15,11 +15,11 @@ from scipy.interpolate import Akima1DInterpolator
 
 from fisheye_ep_calib.calibration.fit import first_fit, refine, sightings_of
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.rotation import rotation_from_vector
 from fisheye_ep_calib.calibration.structure import Structure
-from fisheye_ep_calib.calibration.view_information import view_information
+from fisheye_ep_calib.calibration.view_information import variance_reduction, view_information
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.rotation import rotation_from_vector, vector_from_rotation
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.detection import Detection
 
@@ -117,7 +117,7 @@ def _poses_between(
     last = poses[[number[b] for b in ends[gap].tolist()]]
     turned = np.swapaxes(first[:, :3, :3], -1, -2) @ last[:, :3, :3]
     result = np.tile(np.eye(4), (len(between), 1, 1))
-    result[:, :3, :3] = first[:, :3, :3] @ rotation_from_vector(share[:, None] * _rotation_vector(turned))
+    result[:, :3, :3] = first[:, :3, :3] @ rotation_from_vector(share[:, None] * vector_from_rotation(turned))
     result[:, :3, 3] = _middle_between(images, poses, between, middle) - result[:, :3, :3] @ middle
     return between, result
 
@@ -136,21 +136,6 @@ def _middle_between(images: np.ndarray, poses: np.ndarray, between: np.ndarray, 
     return direction * np.exp(np.clip(course[:, 3:], known[:, 3].min() - overshoot, known[:, 3].max() + overshoot))
 
 
-def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3) of rotations (..., 3, 3); good enough near half a turn for a supposition."""
-    axis = np.stack(
-        [
-            rotation[..., 2, 1] - rotation[..., 1, 2],
-            rotation[..., 0, 2] - rotation[..., 2, 0],
-            rotation[..., 1, 0] - rotation[..., 0, 1],
-        ],
-        axis=-1,
-    )
-    length = np.linalg.norm(axis, axis=-1, keepdims=True)
-    angle = np.arctan2(length, np.trace(rotation, axis1=-2, axis2=-1)[..., None] - 1)
-    return axis * angle / np.maximum(length, 1e-12)
-
-
 def _views(camera: FisheyeCamera, points: np.ndarray, images: np.ndarray, poses: np.ndarray) -> _Views:
     """What images with the target at poses (F, 4, 4) would show of points (n, 3), and tell of the camera."""
     told = view_information(camera, points, poses)
@@ -160,30 +145,22 @@ def _views(camera: FisheyeCamera, points: np.ndarray, images: np.ndarray, poses:
 def _greedy(camera: FisheyeCamera, known: _Views, candidates: _Views, room: int, least_motion: float) -> list[int]:
     """Take, one after the other, the candidate that most lowers the variances that are still largest.
 
-    To first order an image with information N lowers a variance jᵀ M⁻¹ j by jᵀ M⁻¹ N M⁻¹ j, M being the information
-    so far. The variances, each relative to its present value, are those of E(θ) over the field and of every parameter.
+    They are, each relative to its present value, those of E(θ) over the field and of every parameter.
     """
     total = known.information.sum(axis=0)
-    scale = 1 / np.sqrt(np.maximum(np.diag(total), 1e-300))
-    weigh = scale * scale[:, None]
-    total = total * weigh + 1e-9 * np.eye(len(total))
-    information = candidates.information * weigh
-    sought = _sought(camera) * scale
+    sought = _sought(camera)
     after = np.clip(np.searchsorted(known.images, candidates.images), 1, len(known.images) - 1)
     fresh = np.ones(len(candidates.images), dtype=bool)
     for neighbour in (after - 1, after):
         fresh &= _moved(candidates.pixels, known.pixels[neighbour], least_motion)
     taken: list[int] = []
     while len(taken) < room and fresh.any():
-        covariance = np.linalg.inv(total)
-        variance = np.einsum("qi,ij,qj->q", sought, covariance, sought)
-        spread = (sought @ covariance) / np.sqrt(np.maximum(variance, 1e-300))[:, None]
-        gain = np.where(fresh, np.einsum("nij,ij->n", information, spread.T @ spread), -1)
+        gain = np.where(fresh, variance_reduction(candidates.information, total, sought), -1)
         best = int(np.argmax(gain))
         if gain[best] <= 0:
             break
         taken.append(best)
-        total = total + information[best]
+        total = total + candidates.information[best]
         fresh &= _moved(candidates.pixels, candidates.pixels[best], least_motion)
     return [int(candidates.images[one]) for one in taken]
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
-from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
+from fisheye_ep_calib.calibration import CalibrationResult, Observations, Options, calibrate
+from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM
 from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing
@@ -51,10 +54,10 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
     """What is made of the points found, and how."""
     parser.add_argument(
         "--model",
-        default="auto",
-        choices=["auto", *PUPIL_FAMILIES, "ep_odd_target_axis"],
-        help="auto fits all and takes what the data support (default); kannala has a single viewpoint; "
-        "ep_odd_target_axis, the paper's equation as printed, is no camera",
+        default=AUTO,
+        choices=[AUTO, *PUPIL_FAMILIES, PRINTED_FORM],
+        help=f"{AUTO} fits all and takes what the data support (default); kannala has a single viewpoint; "
+        f"{PRINTED_FORM}, the paper's equation as printed, is no camera",
     )
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument(
@@ -71,13 +74,13 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
     structure.add_argument(
         "--disc-centers",
         default="unbiased",
-        choices=("unbiased", "naive"),
+        choices=DISC_CENTERS,
         help="naive takes a projected disc's centre of gravity for the image of its centre, to compare",
     )
     structure.add_argument(
         "--loss",
         default="cut",
-        choices=("cut", "huber"),
+        choices=LOSSES,
         help="cut leaves out points beyond 6 σ of the richest model (default); huber gives them less weight",
     )
     structure.add_argument(
@@ -90,8 +93,7 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if not arguments.svp_distance > 0:
-        raise InputError("--svp-distance must be positive")
+    Options(**_options(arguments))
     output = _free_folder(arguments.output)
     _refuse_taken(output, [], arguments)
     log = log_of(output, arguments.resume)
@@ -149,22 +151,13 @@ def _all_failed(failures: list[CalibrationError]) -> CalibrationError:
     return error
 
 
+def _options(arguments: argparse.Namespace) -> dict[str, Any]:
+    return {field.name: getattr(arguments, field.name) for field in fields(Options)}
+
+
 def _calibrate(camera: CameraSource, look_again, arguments: argparse.Namespace):
     """The camera's source after its last pass, its result, and the seconds of every step."""
-    options = {
-        name: getattr(arguments, name)
-        for name in (
-            "terms",
-            "lens",
-            "skew",
-            "tangential",
-            "tilt",
-            "board_warp",
-            "disc_centers",
-            "loss",
-            "svp_distance",
-        )
-    }
+    options = _options(arguments)
     result = calibrate(camera.observations, arguments.model, **options)
     seconds = {**camera.seconds, **result.seconds}
     if arguments.passes == 1 or look_again is None:

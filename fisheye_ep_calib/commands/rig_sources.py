@@ -17,7 +17,6 @@ from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
 from fisheye_ep_calib.collection.workers import FrameWorkers, Job
 from fisheye_ep_calib.commands.sources import camera_name, safe_name
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.rig.symmetry import unmistakable
 from fisheye_ep_calib.rig.synchronisation import simultaneous, stamps_of_names
 from fisheye_ep_calib.simulation.sequence import usable_cores
 from fisheye_ep_calib.storage.observation_file import load_observations
@@ -110,7 +109,7 @@ def _from_recording(names, recording: Recording, target: Target, arguments: argp
         if True not in numbered:  # by the camera's clock, so that saved observations can be matched too
             by_time = tuple(f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in taken.tolist())
             observations = replace(observations, image_names=by_time)
-        seen[name] = Seen(observations, taken, topic, True in numbered, unmistakable(target))
+        seen[name] = Seen(observations, taken, topic, True in numbered, target.unmistakable)
     return seen
 
 

@@ -17,7 +17,6 @@ from fisheye_ep_calib.live.settings import RigSettings
 from fisheye_ep_calib.live.view_store import observations_of
 from fisheye_ep_calib.rig.assembly import MIN_COMMON_VIEWS
 from fisheye_ep_calib.rig.graph import components
-from fisheye_ep_calib.rig.symmetry import unmistakable
 from fisheye_ep_calib.storage.atomic import atomic_write
 
 RIG, CAMCHAIN = "rig.yaml", "camchain.yaml"
@@ -107,7 +106,7 @@ class RigSession:
     @property
     def unmistakable(self) -> bool:
         """Whether no detector can take the target for itself turned."""
-        return all(unmistakable(session.target) for session in self._sessions.values())
+        return all(session.target.unmistakable for session in self._sessions.values())
 
     def adopt(self, outcome: RigOutcome, generations: tuple[int, ...]) -> bool:
         """Put a calibration into force; False where views that it came from were thrown away meanwhile."""

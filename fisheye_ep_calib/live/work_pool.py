@@ -27,6 +27,8 @@ class Task:
     done: Callable[[Any, CalibrationError | None], None]
     stamp_ns: int | None = None
 
+_LONGEST_END = 1.0  # seconds for a thread of the pool to end
+
 
 class WorkPool:
     """Worker processes behind two queues.
@@ -73,7 +75,7 @@ class WorkPool:
             self._jobs.append(task)
             self._changed.notify()
 
-    def stop(self, timeout: float = 1.0) -> None:
+    def stop(self) -> None:
         """Drop what waits and end the workers, whatever they are doing."""
         with self._changed:
             self._stopped = True
@@ -83,7 +85,7 @@ class WorkPool:
         for process in self._processes:
             process.close()
         for thread in self._threads:
-            thread.join(timeout)
+            thread.join(_LONGEST_END)
 
     def _work(self, process: WorkerProcess) -> None:
         with contextlib.suppress(CalibrationError):

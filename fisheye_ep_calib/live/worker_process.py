@@ -12,13 +12,13 @@ from typing import Any
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
 
+_NICENESS = 10  # so far the child stands back from the programs that drive the cameras
+
 
 class WorkerProcess:
     """One child process, started again at the next call after it has died."""
 
-    def __init__(self, niceness: int = 10) -> None:
-        """niceness: how far the child stands back from the programs that drive the cameras."""
-        self._niceness = niceness
+    def __init__(self) -> None:
         self._lock = threading.Lock()
         self._closed = False
         self._process: multiprocessing.process.BaseProcess | None = None
@@ -30,7 +30,7 @@ class WorkerProcess:
             if self._closed:
                 raise CalibrationError("the workers are stopped")
             if self._connection is None:
-                self._process, self._connection = _start(self._niceness)
+                self._process, self._connection = _start()
             return self._connection
 
     def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -69,20 +69,20 @@ class WorkerProcess:
         return process.exitcode
 
 
-def _start(niceness: int) -> tuple[multiprocessing.process.BaseProcess, Connection]:
+def _start() -> tuple[multiprocessing.process.BaseProcess, Connection]:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, niceness), daemon=True)
+    process = context.Process(target=_serve, args=(theirs,), daemon=True)
     with inherited_by_workers():
         process.start()
     theirs.close()
     return process, ours
 
 
-def _serve(connection: Connection, niceness: int) -> None:
+def _serve(connection: Connection) -> None:
     """The child's life: run what arrives until the parent is gone."""
     prepare_worker()
-    os.nice(niceness)
+    os.nice(_NICENESS)
     while True:
         try:
             function, arguments = connection.recv()

@@ -1,7 +1,7 @@
 """From a fisheye image to one with a single viewpoint, the pupil's shift corrected for a distance or by depth."""
 
 from fisheye_ep_calib.rectification.camera_info import rectified_camera_info
-from fisheye_ep_calib.rectification.maps import SURFACES, Maps, surface_maps, usual_surface
+from fisheye_ep_calib.rectification.maps import SURFACES, Maps, surface_maps
 from fisheye_ep_calib.rectification.projections import PROJECTIONS
 from fisheye_ep_calib.rectification.rectifier import INTERPOLATIONS, Rectifier
 from fisheye_ep_calib.rectification.view import View, field_of_view, make_view
@@ -17,5 +17,4 @@ __all__ = [
     "make_view",
     "rectified_camera_info",
     "surface_maps",
-    "usual_surface",
 ]

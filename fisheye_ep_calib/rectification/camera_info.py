@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fisheye_ep_calib.rectification.projections import PROJECTIONS
 from fisheye_ep_calib.rectification.view import View
 from fisheye_ep_calib.storage.camera_info import PlainCameraInfo
 
@@ -14,7 +15,7 @@ def rectified_camera_info(view: View) -> PlainCameraInfo:
     """
     width, height = view.size
     unturned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    if view.projection != "perspective":
+    if not PROJECTIONS[view.projection].pinhole:
         return PlainCameraInfo(width, height, view.projection, (), (0.0,) * 9, unturned, (0.0,) * 12)
     focal, (cx, cy) = view.focal, view.centre
     return PlainCameraInfo(

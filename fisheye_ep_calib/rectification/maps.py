@@ -13,6 +13,7 @@ import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.rectification.projections import PROJECTIONS
 from fisheye_ep_calib.rectification.view import View
 
 SURFACES = ("plane", "sphere")
@@ -30,17 +31,12 @@ class Maps:
     y: np.ndarray
 
 
-def usual_surface(projection: str) -> str:
-    """A plane for perspective views, a sphere for those that see more than a plane can reach."""
-    return "plane" if projection == "perspective" else "sphere"
-
-
 def surface_maps(camera: FisheyeCamera, view: View, distance: float = np.inf, surface: str | None = None) -> Maps:
     """Maps for points on a surface: the plane z = distance of the view's frame, or the sphere of that radius.
 
-    distance: metres from the camera frame's origin, may be infinite. surface: by default ``usual_surface``.
+    distance: metres from the camera frame's origin, may be infinite. surface: by default the projection's.
     """
-    surface = surface or usual_surface(view.projection)
+    surface = surface or PROJECTIONS[view.projection].surface
     if surface not in SURFACES:
         raise InputError(f"unknown surface {surface!r}; known: {', '.join(SURFACES)}")
     if not distance > 0:

@@ -16,12 +16,22 @@ import numpy as np
 
 
 class Projection(Protocol):
-    """largest_fov: rad, horizontal, above which no image exists."""
+    """largest_fov: rad, horizontal, above which no image exists; usual_fov: rad, taken where none is asked for.
+
+    surface: "plane" or "sphere", what a view usually shows. pinhole: whether CameraInfo's P describes it.
+    """
 
     largest_fov: float
+    usual_fov: float
+    surface: str
+    pinhole: bool
 
     def half_extent(self, angle: float) -> float:
         """Image plane coordinate of a horizontal angle (rad) from the middle."""
+        ...
+
+    def half_height(self, half_width: float, aspect: float) -> float:
+        """Usual half height, image plane coordinate. aspect: height over width of the fisheye's image."""
         ...
 
     def points(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -37,9 +47,15 @@ class Perspective:
     """x = X/Z, y = Y/Z: straight lines stay straight."""
 
     largest_fov = np.radians(170)  # the image of 180° would be infinitely large
+    usual_fov = np.radians(100)
+    surface = "plane"
+    pinhole = True
 
     def half_extent(self, angle: float) -> float:
         return float(np.tan(angle))
+
+    def half_height(self, half_width: float, aspect: float) -> float:
+        return half_width * aspect
 
     def points(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         x, y = np.broadcast_arrays(x, y)
@@ -53,10 +69,15 @@ class Perspective:
 class Cylindrical:
     """x = λ, y = tan(elevation), λ = atan2(X, Z): vertical lines stay straight, and all around can be seen."""
 
-    largest_fov = 2 * np.pi
+    largest_fov = usual_fov = 2 * np.pi
+    surface = "sphere"
+    pinhole = False
 
     def half_extent(self, angle: float) -> float:
         return angle
+
+    def half_height(self, half_width: float, aspect: float) -> float:
+        return 1.0  # tan 45°
 
     def points(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         x, y = np.broadcast_arrays(x, y)
@@ -72,10 +93,15 @@ class Cylindrical:
 class Equirectangular:
     """x = λ = atan2(X, Z), y = elevation: every direction has its place."""
 
-    largest_fov = 2 * np.pi
+    largest_fov = usual_fov = 2 * np.pi
+    surface = "sphere"
+    pinhole = False
 
     def half_extent(self, angle: float) -> float:
         return angle
+
+    def half_height(self, half_width: float, aspect: float) -> float:
+        return float(np.radians(60))
 
     def points(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         x, y = np.broadcast_arrays(x, y)

@@ -10,7 +10,8 @@ import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.rectification.maps import DepthMaps, Maps, surface_maps, usual_surface
+from fisheye_ep_calib.rectification.maps import DepthMaps, Maps, surface_maps
+from fisheye_ep_calib.rectification.projections import PROJECTIONS
 from fisheye_ep_calib.rectification.view import View
 
 NEAREST_DEPTH = 0.05  # metres
@@ -34,7 +35,7 @@ class Rectifier:
             raise InputError(f"unknown interpolation {interpolation!r}; known: {', '.join(INTERPOLATIONS)}")
         self.camera = camera
         self.view = view
-        self.surface = surface or usual_surface(view.projection)
+        self.surface = surface or PROJECTIONS[view.projection].surface
         self._interpolation = INTERPOLATIONS[interpolation]
         self._nearest_depth = nearest_depth
         self._maps: OrderedDict[float, Maps] = OrderedDict()

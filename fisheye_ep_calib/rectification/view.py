@@ -8,11 +8,9 @@ import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.rectification.projections import PROJECTIONS
+from fisheye_ep_calib.rectification.projections import PROJECTIONS, Projection
 
 LONGEST_SIDE = 16384  # pixels; cv2.remap ends at 32767
-USUAL_PERSPECTIVE_FOV = np.radians(100)
-_HALF_HEIGHT = {"cylindrical": 1.0, "equirectangular": np.radians(60)}  # image plane coordinate, where no size is given
 
 
 @dataclass(frozen=True)
@@ -81,8 +79,7 @@ def make_view(
         raise InputError(f"unknown projection {projection!r}; known: {', '.join(PROJECTIONS)}")
     kind = PROJECTIONS[projection]
     if fov is None:
-        most = USUAL_PERSPECTIVE_FOV if projection == "perspective" else kind.largest_fov
-        fov = min(field_of_view(camera), most)
+        fov = min(field_of_view(camera), kind.usual_fov)
     if not 0 < fov <= kind.largest_fov + 1e-9:
         raise InputError(
             f"a {projection} view's field must lie above 0° and up to {np.degrees(kind.largest_fov):.0f}°, "
@@ -90,7 +87,7 @@ def make_view(
         )
     half = kind.half_extent(fov / 2)
     if size is None:
-        size = _usual_size(camera, projection, half)
+        size = _usual_size(camera, kind, half)
     return View(projection, size, size[0] / (2 * half), yaw, pitch)
 
 
@@ -103,13 +100,10 @@ def field_of_view(camera: FisheyeCamera) -> float:
     return 2 * float(np.where(valid, angles, camera.theta_limit).min())
 
 
-def _usual_size(camera: FisheyeCamera, projection: str, half: float) -> tuple[int, int]:
+def _usual_size(camera: FisheyeCamera, kind: Projection, half: float) -> tuple[int, int]:
     """Width and height, even, no side longer than the longest allowed."""
     focal = camera.fx * _axis_slope(camera)
-    if projection == "perspective":
-        half_height = half * camera.image_size[1] / camera.image_size[0]
-    else:
-        half_height = _HALF_HEIGHT[projection]
+    half_height = kind.half_height(half, camera.image_size[1] / camera.image_size[0])
     focal = min(focal, LONGEST_SIDE / (2 * max(half, half_height)))
     width, height = (max(2, 2 * round(focal * extent)) for extent in (half, half_height))
     return min(width, LONGEST_SIDE), min(height, LONGEST_SIDE)

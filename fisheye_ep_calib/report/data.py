@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fisheye_ep_calib.calibration.diagnosis import Finding
+from fisheye_ep_calib.calibration.uncertainty import ProjectionTable
 
 GOOD, CAUTION, BAD = "good", "caution", "bad"
 
@@ -92,15 +93,6 @@ class UncertaintyMap:
 
 
 @dataclass(frozen=True)
-class UncertaintyTable:
-    """1σ in px per axis: sigma_px (angles, distances)."""
-
-    theta_deg: np.ndarray
-    distance_m: np.ndarray
-    sigma_px: np.ndarray
-
-
-@dataclass(frozen=True)
 class NearFar:
     """Fits to the nearer and the farther half of the views, compared at infinity by angle, px RMS a ring.
 
@@ -175,7 +167,7 @@ class CameraReport:
     coverage: Coverage
     views: tuple[View, ...]
     uncertainty_maps: tuple[UncertaintyMap, ...] = ()
-    uncertainty_table: UncertaintyTable | None = None
+    uncertainty_table: ProjectionTable | None = None
     near_far: NearFar | None = None
     stand_in: StandInLoss | None = None
     rejected: tuple[Rejected, ...] = ()

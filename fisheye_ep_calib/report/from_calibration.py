@@ -15,11 +15,10 @@ from fisheye_ep_calib.report.data import (
     Residuals,
     StandInLoss,
     UncertaintyMap,
-    UncertaintyTable,
     View,
 )
 from fisheye_ep_calib.report.geometry import coverage_of, residuals_of, views_of
-from fisheye_ep_calib.report.models import compared_models, lens_curve, near_far, parameters_of
+from fisheye_ep_calib.report.models import compared_models, lens_curve, near_far_curve, parameters_of
 from fisheye_ep_calib.report.pictures import BUDGET, with_pictures
 from fisheye_ep_calib.report.verdict import calibration_verdict
 
@@ -43,7 +42,7 @@ def calibration_report(
     views = calibration_views(observations, result)
     if image is not None:
         views = with_pictures(views, result.view_images.tolist(), image, picture_budget)
-    table = result.projection_table
+    split = result.diagnosis.near_far
     return CameraReport(
         name=name,
         kind="calibration",
@@ -58,8 +57,8 @@ def calibration_report(
         coverage=coverage_of(residuals, result.camera),
         views=views,
         uncertainty_maps=_uncertainty_maps(result, float(np.median(residuals.distance))),
-        uncertainty_table=UncertaintyTable(table.theta_deg, table.distance_m, table.sigma_px),
-        near_far=near_far(result, residuals),
+        uncertainty_table=result.projection_table,
+        near_far=near_far_curve(split) if split else None,
         stand_in=StandInLoss(result.stand_in.distance, dict(result.stand_in.loss_px)),
         rejected=rejected,
         unused={

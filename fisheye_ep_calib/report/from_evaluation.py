@@ -9,6 +9,7 @@ import numpy as np
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.calibration.diagnosis import Finding
 from fisheye_ep_calib.calibration.evaluation import Evaluation
+from fisheye_ep_calib.calibration.uncertainty import ProjectionTable
 from fisheye_ep_calib.report.data import (
     BAD,
     CAUTION,
@@ -16,7 +17,6 @@ from fisheye_ep_calib.report.data import (
     CameraReport,
     Residuals,
     StandInLoss,
-    UncertaintyTable,
     Verdict,
 )
 from fisheye_ep_calib.report.geometry import coverage_of, residuals_of, views_of
@@ -38,7 +38,6 @@ def evaluation_report(
     inputs: dict[str, str] | None = None,
     image: Callable[[int], np.ndarray] | None = None,
     flat: bool = True,
-    picture_budget: int = BUDGET,
 ) -> CameraReport:
     """file: the camera that was measured. observations: on which. image: of an image's number.
 
@@ -49,7 +48,7 @@ def evaluation_report(
     images = [int(number) for number in found.images]
     views = views_of([observations.image_names[number] for number in images], residuals)
     if image is not None:
-        views = with_pictures(views, images, image, picture_budget)
+        views = with_pictures(views, images, image, BUDGET)
     findings = _findings(file, residuals, found, flat)
     camera, table = file.camera, file.projection_uncertainty
     return CameraReport(
@@ -72,7 +71,7 @@ def evaluation_report(
         residuals=residuals,
         coverage=coverage_of(residuals, camera),
         views=views,
-        uncertainty_table=UncertaintyTable(*(np.array(table[key]) for key in ("theta_deg", "distance_m", "sigma_px")))
+        uncertainty_table=ProjectionTable(*(np.array(table[key]) for key in ("theta_deg", "distance_m", "sigma_px")))
         if table
         else None,
         stand_in=StandInLoss(file.stand_in_distance, file.stand_in_loss_px) if file.stand_in_loss_px else None,

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
-from fisheye_ep_calib.calibration.camera_difference import CameraDifference, camera_difference
-from fisheye_ep_calib.calibration.fit import MIN_VIEWS, Fit, of_images, refine
-from fisheye_ep_calib.calibration.result import Comparison
-from fisheye_ep_calib.calibration.structure import Structure
-from fisheye_ep_calib.calibration.uncertainty import pupil_sigma, radius_sigma, uncertainty
+from fisheye_ep_calib.calibration.camera_difference import CameraDifference
+from fisheye_ep_calib.calibration.diagnosis import NearFarSplit
+from fisheye_ep_calib.calibration.uncertainty import pupil_sigma, radius_sigma
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.report.data import LensCurve, ModelCurve, NearFar, Parameter, Residuals
+from fisheye_ep_calib.report.data import LensCurve, ModelCurve, NearFar, Parameter
 
 _SAMPLES = 91
 _RING_DEGREES = 10
-_TARGET_AXIS = "_target_axis"
 
 
 def angles(camera: FisheyeCamera) -> np.ndarray:
@@ -52,66 +46,25 @@ def parameters_of(camera: FisheyeCamera, covariance: np.ndarray) -> tuple[Parame
 def compared_models(result: CalibrationResult) -> tuple[ModelCurve, ...]:
     """E(θ) of every model compared, each fitted to the sightings that the chosen one used."""
     theta = angles(result.camera)
-    curves = []
-    for name, one in result.comparison.items():
-        fit = result.fit if name == result.model else _fit_of(result.fit, one)
-        if fit is None:
-            continue
-        curves.append(
-            pupil_curve(
-                name,
-                fit.state.camera,
-                uncertainty(fit).covariance,
-                theta,
-                name == result.model,
-                parameters=one.parameters,
-                rms_px=one.rms_px,
-                cross_validated_rms_px=one.cross_validated_rms_px,
-            )
+    return tuple(
+        pupil_curve(
+            name,
+            one.camera,
+            one.covariance,
+            theta,
+            name == result.model,
+            parameters=one.parameters,
+            rms_px=one.rms_px,
+            cross_validated_rms_px=one.cross_validated_rms_px,
         )
-    return tuple(curves)
-
-
-def _fit_of(chosen: Fit, one: Comparison) -> Fit | None:
-    """The compared model's fit again: the same structure but for its pupil."""
-    central = replace(chosen.structure, model="kannala", terms=None, target_axis=False)
-    terms = one.parameters - central.parameter_count
-    structure: Structure = replace(
-        chosen.structure,
-        model=one.model.removesuffix(_TARGET_AXIS),
-        terms=terms or None,
-        target_axis=one.model.endswith(_TARGET_AXIS),
+        for name, one in result.comparison.items()
     )
-    try:
-        return refine(chosen, structure)
-    except CalibrationError:
-        return None
 
 
-def near_far(result: CalibrationResult, residuals: Residuals) -> NearFar | None:
-    """The structure fitted to the nearer and to the farther half of the views; None where a half is too small."""
-    fit = result.fit
-    views = len(fit.sightings.images)
-    count = np.maximum(np.bincount(residuals.view, minlength=views), 1)
-    mean = np.bincount(residuals.view, weights=residuals.distance, minlength=views) / count
-    order = np.argsort(mean, kind="stable")
-    halves, cameras, known = (order[: views // 2], order[views // 2 :]), [], []
-    for part in halves:
-        if len(part) < MIN_VIEWS:
-            return None
-        try:
-            half = refine(fit, fit.structure, of_images(fit.sightings, fit.sightings.images[np.sort(part)]))
-        except CalibrationError:
-            return None
-        if not half.adjustment.converged:
-            return None
-        seen = float(residuals.theta[np.isin(residuals.view, part)].max())
-        cameras.append(replace(half.state.camera, theta_max=seen))
-        known.append(uncertainty(half).covariance)
-    found = camera_difference(*cameras, (np.inf,), (known[0], known[1]))
-    theta, difference, expected = by_ring(found)
-    near, far = (float(np.median(mean[part])) for part in halves)
-    return NearFar(near, far, theta, difference[0], expected[0])
+def near_far_curve(split: NearFarSplit) -> NearFar:
+    """The two halves' difference by angle."""
+    theta, difference, expected = by_ring(split.difference)
+    return NearFar(split.near_m, split.far_m, theta, difference[0], expected[0])
 
 
 def by_ring(found: CameraDifference) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -22,10 +22,10 @@ from fisheye_ep_calib.calibration.normal_equations import NormalEquations
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.prediction import FeatureModel, predict
 from fisheye_ep_calib.calibration.robust import LINEAR, Loss
-from fisheye_ep_calib.calibration.rotation import moved_poses
 from fisheye_ep_calib.calibration.views import ViewBlock, view_blocks
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.rotation import moved_poses
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from fisheye_ep_calib.calibration.evaluation import evaluate_camera
 from fisheye_ep_calib.calibration.levenberg_marquardt import Minimum
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.prediction import FeatureModel
-from fisheye_ep_calib.calibration.robust import Loss, robust_spread
+from fisheye_ep_calib.calibration.robust import Loss, noise_variance, robust_spread
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.rig.adjustment import (
@@ -205,9 +205,10 @@ def _result(
     lengths = [one[np.isfinite(one)] for one in _lengths(problem, state)]
     points = sum(len(one) for one in lengths)
     unknowns = problem.shared_size + 6 * problem.moment_count
-    variance = 2 * found.equations.cost / max(2 * points - unknowns, 1)
+    square = np.concatenate(lengths) ** 2
+    variance, weight = noise_variance(problem.loss, square, 2 * points - unknowns)
     known = [None] * len(cameras) if covariances is None else covariances
-    covariance = pose_covariance(problem, state, variance, known)
+    covariance = pose_covariance(problem, state, variance * weight, known)
     of_poses = np.zeros((len(cameras), 6, 6))
     for camera in range(1, len(cameras)):
         block = slice(6 * (camera - 1), 6 * camera)
@@ -227,7 +228,7 @@ def _result(
         pairs=pairs,
         moments=len(assembly.moments),
         views=tuple(int(count) for count in seen.sum(axis=0)),
-        rms_px=float(np.sqrt((np.concatenate(lengths) ** 2).mean())),
+        rms_px=float(np.sqrt(square.mean())),
         camera_rms_px=tuple(float(np.sqrt((one**2).mean())) for one in lengths),
         left_out=tuple((camera, names[camera][image]) for camera, image in (*assembly.left_out, *wrong)),
         board_warp=state.board_warp,

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fisheye_ep_calib.calibration.board_warp import board_frame
-from fisheye_ep_calib.target import Target
 
 _SAME = 1e-3  # of the distance of nearest neighbours
 
@@ -29,11 +28,6 @@ class Symmetry:
         Where points are called so, the pose that was found, times ``motion``, is the true one.
         """
         return np.argsort(self.becomes)[point_index]
-
-
-def unmistakable(target: Target) -> bool:
-    """Whether no detector can take the target for itself turned."""
-    return target.kind in ("charuco", "aprilgrid") or len(getattr(target, "holed", ())) >= 3
 
 
 def no_symmetry(object_points: np.ndarray) -> tuple[Symmetry, ...]:

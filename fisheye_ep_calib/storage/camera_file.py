@@ -23,7 +23,7 @@ from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_info import plain_camera_info
 from fisheye_ep_calib.storage.camera_info_file import camera_info_content
-from fisheye_ep_calib.storage.yaml_file import read_yaml
+from fisheye_ep_calib.yaml_file import read_yaml
 
 SCHEMA = 1
 

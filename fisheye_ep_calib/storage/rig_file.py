@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rig.result import RigCalibration
 from fisheye_ep_calib.storage.camera_info import plain_camera_info
-from fisheye_ep_calib.storage.yaml_file import read_yaml
+from fisheye_ep_calib.yaml_file import read_yaml
 
 SCHEMA = 1
 _NOT_RIGID = 1e-6
@@ -127,21 +128,8 @@ def _pose(rows) -> np.ndarray:
 
 
 def quaternion(rotation: np.ndarray) -> np.ndarray:
-    """x, y, z, w (4,) of a rotation (3, 3), w ≥ 0, as tf has it.
-
-    The eigenvector of Bar-Itzhack's symmetric matrix to its largest eigenvalue: right for every rotation.
-    """
-    r = rotation
-    matrix = np.array(
-        [
-            [r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
-            [r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], np.trace(r)],
-        ]
-    )
-    found = np.linalg.eigh(matrix)[1][:, -1]
-    return found if found[3] >= 0 else -found
+    """x, y, z, w (4,) of a rotation (3, 3), w ≥ 0, as tf has it."""
+    return Rotation.from_matrix(rotation).as_quat(canonical=True)
 
 
 def _floats(values) -> list[float]:

@@ -13,7 +13,7 @@ from fisheye_ep_calib.target.schema import Keys
 
 DICTIONARY = "DICT_APRILTAG_36h11"
 TAGS_IN_FAMILY = 587
-BORDER_CELLS = 2
+BORDER_CELLS = 2  # black, around a tag
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +82,10 @@ class AprilGrid(Target):
         # Kalibr prints the family as its authors draw it; OpenCV holds it turned by 180°.
         turned = marker_bits(dictionary, np.arange(self.rows * self.columns), BORDER_CELLS)
         return turned[:, :, ::-1]
+
+    @property
+    def unmistakable(self) -> bool:
+        return True
 
     def detector(self) -> Detector:
         from fisheye_ep_calib.target.aprilgrid_detector import AprilGridDetector

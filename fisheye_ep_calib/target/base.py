@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fisheye_ep_calib.target.detection import Detector
+from fisheye_ep_calib.target.schema import Keys
 
 
 def _no_discs() -> np.ndarray:
@@ -45,7 +46,23 @@ class Target:
     object_points: np.ndarray
     disc_radius: float | None
 
-    kind = "target"
+    kind = "target"  # the file's ``type``
+    kalibr_kind = ""  # Kalibr's ``target_type``; empty where Kalibr has no such target
+
+    @staticmethod
+    def from_keys(keys: Keys, name: str) -> Target:
+        """The target of this project's keys. Raises InputError."""
+        raise NotImplementedError
+
+    @staticmethod
+    def from_kalibr(keys: Keys, name: str) -> Target:
+        """The target of Kalibr's keys, where it has a ``kalibr_kind``. Raises InputError."""
+        raise NotImplementedError
+
+    @property
+    def unmistakable(self) -> bool:
+        """Whether no detector can take the target for itself turned."""
+        return False
 
     def detector(self) -> Detector:
         """A detector for this target; raises InputError where the machine lacks what it needs."""

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-MOST_BLOBS = 4000
-FITNESS = 0.965
+MOST_BLOBS = 4000  # the largest ones of an image
+FITNESS = 0.965  # area of a blob over that of the ellipse of its moments; of small ones less is asked
 RING_ANGLES = np.linspace(0, 2 * np.pi, 16, endpoint=False)
 
 

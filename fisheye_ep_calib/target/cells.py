@@ -9,7 +9,7 @@ import numpy as np
 
 # +x, −x, +y, −y: a direction's opposite is its neighbour in this list.
 DIRECTIONS = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-MOST_BEND = 0.06
+MOST_BEND = 0.06  # median step off a straight row, in pitches
 
 
 def neighbours(cells: np.ndarray) -> np.ndarray:

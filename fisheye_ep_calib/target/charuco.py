@@ -29,7 +29,6 @@ class Charuco(Target):
     legacy: bool
 
     kind = "charuco"
-    kalibr_kind = ""
 
     @staticmethod
     def from_keys(keys: Keys, name: str) -> Charuco:
@@ -53,10 +52,6 @@ class Charuco(Target):
                 f"{dictionary} has too few markers for {len(target.marker_squares)} white squares",
             )
         return target
-
-    @staticmethod
-    def from_kalibr(keys: Keys, name: str) -> Charuco:
-        raise keys.fail("target_type", "charuco is none of Kalibr's")
 
     @staticmethod
     def create(
@@ -94,6 +89,10 @@ class Charuco(Target):
         """Cells (m, k, k) of each marker from its top-left corner, row by row in y, 1 white."""
         dictionary = aruco_dictionary(self.dictionary, "a ChArUco board")
         return marker_bits(dictionary, np.arange(len(self.marker_squares)), border=1)
+
+    @property
+    def unmistakable(self) -> bool:
+        return True
 
     def detector(self) -> Detector:
         from fisheye_ep_calib.target.charuco_detector import CharucoDetector

@@ -21,11 +21,11 @@ from fisheye_ep_calib.target.sharpness import why_not
 
 logger = logging.getLogger(__name__)
 
-FEWEST_CORNERS = 8
-SCALES = (1.0, 0.5, 0.25)
-SMALLEST_SIDE = 200
-MOSTLY_FOUND = 0.75
-TOO_MANY = 1.5
+FEWEST_CORNERS = 8  # of a view
+SCALES = (1.0, 0.5, 0.25)  # at which the image is searched
+SMALLEST_SIDE = 200  # pixels of a reduced image
+MOSTLY_FOUND = 0.75  # share of the corners that ends the search
+TOO_MANY = 1.5  # times the corners of the target: something else
 NOTHING = np.empty((0, 2), dtype=int), np.empty((0, 2))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from fisheye_ep_calib.target.base import Artwork, Target, bounding_board, rectangular_grid
 from fisheye_ep_calib.target.detection import Detector
+from fisheye_ep_calib.target.labelling import Placement, turns_onto_itself
 from fisheye_ep_calib.target.schema import Keys
 
 logger = logging.getLogger(__name__)
@@ -20,7 +21,7 @@ class CircleGrid(Target):
 
     Symmetric: neighbours lie ``spacing`` apart. Asymmetric (OpenCV's and Kalibr's): disc (column, row) lies
     at x = (2·column + row mod 2)·spacing, y = row·spacing. holed: indices row·columns + column of the discs
-    with a white hole of ``hole_radius``; three of them, not alike under a rotation, make the board
+    with a white hole of ``hole_radius``; where no turn of the board leaves holes where holes are, it is
     unmistakable.
     """
 
@@ -100,6 +101,15 @@ class CircleGrid(Target):
     def pitch(self) -> float:
         """Distance of nearest neighbours, metres."""
         return self.spacing * (np.sqrt(2) if self.asymmetric else 1.0)
+
+    @property
+    def turns(self) -> list[Placement]:
+        """Of the lattice, those that leave discs where discs are and holes where holes are; the identity is first."""
+        return turns_onto_itself(self.lattice, self.lattice[list(self.holed)])
+
+    @property
+    def unmistakable(self) -> bool:
+        return bool(self.holed) and len(self.turns) == 1
 
     def detector(self) -> Detector:
         from fisheye_ep_calib.target.circle_grid_detector import CircleGridDetector

@@ -14,21 +14,21 @@ from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.disc_growth import complete_discs
 from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs
 from fisheye_ep_calib.target.ellipse import minor_axis
-from fisheye_ep_calib.target.guidance import pose_columns, predict_discs, stays_smooth
+from fisheye_ep_calib.target.expected_features import expect_discs, pose_columns, stays_smooth
 from fisheye_ep_calib.target.hole_evidence import hole_evidence
 from fisheye_ep_calib.target.labelling import label_patch
 from fisheye_ep_calib.target.lattice import FEWEST, Lattice, grow_lattices
 from fisheye_ep_calib.target.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
 from fisheye_ep_calib.target.sharpness import why_not
 
-FEWEST_DISCS = 9
-SEARCH_SIDE = 700
-WINDOWS = (31, 121)
-MOST_LATTICES = 4
-TOO_MANY = 1.5
-MOSTLY_FOUND = 0.8
-UNKNOWN_RATIO = 2.4
-USUAL_ERROR = 0.08
+FEWEST_DISCS = 9  # of a view
+SEARCH_SIDE = 700  # pixels of the longer side of the image that is searched
+WINDOWS = (31, 121)  # pixels: adaptive thresholds for small discs and large ones
+MOST_LATTICES = 4  # of an image that are measured
+TOO_MANY = 1.5  # times the discs of the target: something else
+MOSTLY_FOUND = 0.8  # share of the discs that ends the search
+UNKNOWN_RATIO = 2.4  # pitch over radius where the target file tells no radius
+USUAL_ERROR = 0.08  # pixels, of a measured centre
 # Of an offset from the prediction, the share that may vary from feature to feature.
 MODEL_ERROR = 0.08
 # Of what a disc's radius exceeds this many pixels, the share that its centre may be off.
@@ -77,7 +77,7 @@ class CircleGridDetector:
             return Detection(reason=reason)
         points = self.target.object_points
         radius = self.target.disc_radius or self.target.pitch / self.gap_ratio
-        expected, shape, visible = predict_discs(camera, camera_from_target, points, radius, image.shape)
+        expected, shape, visible = expect_discs(camera, camera_from_target, points, radius, image.shape)
         index = np.flatnonzero(visible)
         if len(index) == 0:
             return Detection(reason="board out of view")
@@ -137,6 +137,7 @@ class CircleGridDetector:
             allowed=marks,
             is_plain=lambda sites, scale: _is_plain(image, sites, found),
             least=marks.least if marks else None,
+            turns=self.target.turns,
         )
         if not labels.known.any():
             reason = f"{int(good.sum())} discs, but not which: too few of the holed ones are seen"

@@ -7,8 +7,8 @@ import numpy as np
 from fisheye_ep_calib.target.cells import extrapolate, local_axes, neighbours
 from fisheye_ep_calib.target.corner_refinement import looks_like_corner, reach_of, refine_corners
 
-MOST_ROUNDS = 60
-FARTHEST = 3
+MOST_ROUNDS = 60  # of growing by a row
+FARTHEST = 3  # places that may be missed on end
 
 
 def colour_parity(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> int:

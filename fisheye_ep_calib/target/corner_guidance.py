@@ -7,9 +7,9 @@ import numpy as np
 from fisheye_ep_calib.target.corner_measurement import Surroundings, measure_corners
 from fisheye_ep_calib.target.corner_refinement import reach_of
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.guidance import pose_columns, predict, predict_bend, stays_smooth
+from fisheye_ep_calib.target.expected_features import expect, expect_bend, pose_columns, stays_smooth
 
-USUAL_ERROR = 0.25
+USUAL_ERROR = 0.25  # pixels, of a measured corner
 
 
 def find_guided(
@@ -19,12 +19,12 @@ def find_guided(
     reason = check_image(image)
     if reason:
         return Detection(reason=reason)
-    expected = predict(camera, camera_from_target, points, image.shape)
+    expected = expect(camera, camera_from_target, points, image.shape)
     index = np.flatnonzero(expected.visible)
     if len(index) == 0:
         return Detection(reason="board out of view")
     start, jacobian, around = expected.pixels[index], expected.plane_jacobian[index], around[index]
-    bend = predict_bend(camera, camera_from_target, points[index], around.half, image.shape)
+    bend = expect_bend(camera, camera_from_target, points[index], around.half, image.shape)
     refined, good = measure_corners(image, start, jacobian, bend, around)
     if good.any():
         offset = refined[good] - start[good]

@@ -7,9 +7,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-WINDOWS = np.array([2, 3, 4, 5, 7, 9, 12])
+WINDOWS = np.array([2, 3, 4, 5, 7, 9, 12])  # half sides, pixels
 CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.002)
-LEAST_CONTRAST = 8.0
+LEAST_CONTRAST = 8.0  # grey values between white and black
 # Where a quadrant is looked at, in shares of the clear zone.
 _STEPS = np.array([0.25, 0.5, 0.75])
 _SIGNS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])

@@ -41,7 +41,7 @@ class Detector(Protocol):
         ...
 
 
-LONGEST_SIDE = 20000
+LONGEST_SIDE = 20000  # pixels; bounds the memory of a search
 
 
 def check_image(image: np.ndarray) -> str:

@@ -9,8 +9,8 @@ from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs
 from fisheye_ep_calib.target.ellipse import minor_axis
 from fisheye_ep_calib.target.lattice_evidence import MOST_STRETCH, frames, lattice_edges, mean_distance
 
-MOST_ROUNDS = 40
-FARTHEST = 3
+MOST_ROUNDS = 40  # of growing by a row
+FARTHEST = 3  # places that may be missed on end
 
 
 def complete_discs(

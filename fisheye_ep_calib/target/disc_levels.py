@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 from fisheye_ep_calib.target.ellipse import EllipsePosition, half_box, major_axis, minor_axis
 from fisheye_ep_calib.target.pixel_patches import PixelPatches, fit_planes
 
-RING_REACH = 2.2
-RING_WIDTH = 7.0
-SMALL_DISC = 10.0
-FEWEST_NEIGHBOURS = 6
+RING_REACH = 2.2  # radii: the light around a disc is measured out to here at most
+RING_WIDTH = 7.0  # pixels of that ring beyond the blurred edge
+SMALL_DISC = 10.0  # pixels of minor axis, below which slopes of the light are taken from all discs
+FEWEST_NEIGHBOURS = 6  # discs that tell how the light varies over the board
 FEWEST_PIXELS = 12  # of a ring away from other discs
 
 

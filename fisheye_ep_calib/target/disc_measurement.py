@@ -11,10 +11,10 @@ from fisheye_ep_calib.target.disc_levels import Levels, height, measure_levels
 from fisheye_ep_calib.target.ellipse import EllipsePosition, half_box, major_axis, minor_axis
 from fisheye_ep_calib.target.pixel_patches import PixelPatches
 
-SECTORS = 12
-FIRST_BLUR = 1.0
-LEAST_CONTRAST = 8.0
-BEYOND, BEYOND_NOISE = 0.1, 3.0
+SECTORS = 12  # around a disc in which its edge must be seen
+FIRST_BLUR = 1.0  # pixels
+LEAST_CONTRAST = 8.0  # grey values between board and disc
+BEYOND, BEYOND_NOISE = 0.1, 3.0  # of the contrast, and times the noise: what a pixel may differ
 # What a lens makes of a disc larger than this, pixels, is no ellipse: by this share of the excess it may differ.
 NO_ELLIPSE, LARGE = 0.004, 25.0
 

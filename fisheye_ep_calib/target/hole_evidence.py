@@ -11,9 +11,9 @@ from fisheye_ep_calib.target.ellipse import EllipsePosition, half_box, minor_axi
 from fisheye_ep_calib.target.labelling import Placement
 from fisheye_ep_calib.target.pixel_patches import PixelPatches
 
-LEAST_BRIGHTNESS, ENOUGH_BRIGHTNESS = 0.12, 0.4
-LEAST_NOISES = 6.0
-VISIBLE = 0.3
+LEAST_BRIGHTNESS, ENOUGH_BRIGHTNESS = 0.12, 0.4  # of board minus disc: never a hole, always one
+LEAST_NOISES = 6.0  # times the spread of the plain discs: a hole
+VISIBLE = 0.3  # share of a hole's brightness that the blur must leave for its absence to be seen
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,15 @@ lattice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fisheye_ep_calib.target.cells import extrapolate
 
+SLACK = 0.07  # of a patch's points that may be no points of the target, where identity decides
 # The four rotations of a square lattice; a reflection would mean looking at the board from behind.
-SLACK = 0.07
 ROTATIONS = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]])
 
 
@@ -29,11 +29,32 @@ class Labels:
 
 @dataclass(frozen=True)
 class Placement:
+    """c ↦ R c + s of lattice coordinates. rotation (2, 2), shift (2,): int."""
+
     rotation: np.ndarray
     shift: np.ndarray
 
     def __call__(self, cells: np.ndarray) -> np.ndarray:
         return cells @ self.rotation.T + self.shift
+
+    def same(self, other: Placement) -> bool:
+        return np.array_equal(self.rotation, other.rotation) and np.array_equal(self.shift, other.shift)
+
+    def followed_by(self, turn: Placement) -> Placement:
+        return Placement(turn.rotation @ self.rotation, turn(self.shift))
+
+
+IDENTITY = Placement(ROTATIONS[0], np.zeros(2, dtype=int))
+
+
+def turns_onto_itself(lattice: np.ndarray, marks: np.ndarray) -> list[Placement]:
+    """The rotations that lay lattice (n, 2) int onto itself and marks (m, 2) int onto marks, the identity first."""
+    found = []
+    for rotation in ROTATIONS:
+        turn = Placement(rotation, lattice.min(axis=0) - (lattice @ rotation.T).min(axis=0))
+        if all(set(map(tuple, turn(part).tolist())) == set(map(tuple, part.tolist())) for part in (lattice, marks)):
+            found.append(turn)
+    return found
 
 
 def label_patch(
@@ -43,6 +64,7 @@ def label_patch(
     allowed: Callable[[Placement], float] | None = None,
     is_plain: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     least: float | None = None,
+    turns: Sequence[Placement] = (IDENTITY,),
 ) -> Labels:
     """Lay a patch onto the target's lattice.
 
@@ -50,7 +72,8 @@ def label_patch(
     2) int: the target's. allowed: marks a placement by what the image says of identity (colours, holes);
     higher is better, −inf is impossible. is_plain(pixels (m, 2), scale (m,)): whether the image is plain
     board there, m sites next to the patch. least: the target has an identity: what the best placement must have
-    of it at least, and clearly more than all others; else nothing is labelled.
+    of it at least, and clearly more than all others; else nothing is labelled. turns: those that leave the target as
+    it is, the identity among them: what differs by one of them is no other placement.
 
     The most points win, then identity, then the placement that expects no feature where the image shows plain
     board. What is still ambiguous is settled by the target's x axis pointing to the right in the image.
@@ -81,18 +104,19 @@ def label_patch(
     if not ranked:
         return unknown
     ranked.sort(key=lambda entry: entry[0], reverse=True)
-    if least is not None and not _settled([order for order, _ in ranked], least):
-        return unknown
     placement = ranked[0][1]
+    alike = [placement.followed_by(turn) for turn in turns]
+    rivals = [order for order, other in ranked if not any(other.same(one) for one in alike)]
+    if least is not None and not _settled(ranked[0][0], rivals, least):
+        return unknown
     return Labels(_look_up(table, placement(cells) - low))
 
 
-def _settled(orders: list[tuple[float, ...]], least: float) -> bool:
+def _settled(best: tuple[float, ...], rivals: Sequence[tuple[float, ...]], least: float) -> bool:
     """Whether the best of the placements, (identity less contradictions, identity, …), is the only one possible."""
-    if orders[0][1] < least:
+    if best[1] < least:
         return False
-    rivals = orders[1:]
-    return all(orders[0][0] >= rival[0] + 2 or orders[0][1] >= rival[1] + 1 for rival in rivals)
+    return all(best[0] >= rival[0] + 2 or best[1] >= rival[1] + 1 for rival in rivals)
 
 
 def _look_up(table: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-NEAREST = 28
-FEWEST = 4
+NEAREST = 28  # blobs that may be a blob's neighbours
+FEWEST = 4  # discs of a lattice
 QUARTER = np.pi / 2
 # Blur makes blobs larger than their discs, and the pitch smaller in their measure.
 SWOLLEN = (1.0, 0.82, 0.68)

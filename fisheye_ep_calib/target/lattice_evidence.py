@@ -11,12 +11,12 @@ from scipy.spatial import cKDTree
 
 from fisheye_ep_calib.target.cells import line_residuals, local_pitch, neighbours
 
-MOST_STRETCH = 0.35
-MOST_SPREAD = 0.12
-MOST_SLANT = 0.25
-MOST_BIAS = 0.13
-MOST_BEND = 0.12
-FEWEST_SQUARES = 2
+MOST_STRETCH = 0.35  # ln of pitch over radius off its median, for a disc to stay
+MOST_SPREAD = 0.12  # RMS of the same over the lattice
+MOST_SLANT = 0.25  # mean |cos| between rows and columns in the discs' frames
+MOST_BIAS = 0.13  # ln of pitch over radius off the target's
+MOST_BEND = 0.12  # median step off a straight row, in pitches
+FEWEST_SQUARES = 2  # of four discs
 
 
 def frames(shape: np.ndarray) -> np.ndarray:

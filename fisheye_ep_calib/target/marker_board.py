@@ -9,11 +9,11 @@ from scipy.spatial import cKDTree
 
 from fisheye_ep_calib.target.corner_measurement import Surroundings, measure_corners
 
-MOST_ROUNDS = 12
-MANY_MARKERS = 4
-MOST_TRIES = 3
-NEAR = 8
-SAME_PLACE = 0.05
+MOST_ROUNDS = 12  # of growing
+MANY_MARKERS = 4  # place what lies between them well enough for a short reach
+MOST_TRIES = 3  # to find a feature
+NEAR = 8  # features that predict one
+SAME_PLACE = 0.05  # of the pitch: two features nearer than this are one
 
 
 def corners_by_markers(

@@ -9,12 +9,12 @@ import numpy as np
 
 from fisheye_ep_calib.target.aruco import require_aruco
 
-SEARCH_SIDE = 1400
-MOSTLY_FOUND = 0.9
-SMALLEST_CELL = 1.4
-FEW = 6
-LARGEST_DOUBLED = 1100
-SHARPENING = ((1.5, 1.5), (3.0, 3.0))
+SEARCH_SIDE = 1400  # pixels; a larger image is halved first
+MOSTLY_FOUND = 0.9  # share of the markers that ends the search
+SMALLEST_CELL = 1.4  # pixels that a marker's cell needs to be read
+FEW = 6  # markers, below which a sharpened image is searched too
+LARGEST_DOUBLED = 1100  # pixels; a larger image is not doubled for that
+SHARPENING = ((1.5, 1.5), (3.0, 3.0))  # σ, pixels, and amount of the unsharp masks
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-import yaml
-
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.target.aprilgrid import AprilGrid
 from fisheye_ep_calib.target.base import Target
@@ -14,28 +12,15 @@ from fisheye_ep_calib.target.charuco import Charuco
 from fisheye_ep_calib.target.chessboard import Chessboard
 from fisheye_ep_calib.target.circle_grid import CircleGrid
 from fisheye_ep_calib.target.schema import Keys
+from fisheye_ep_calib.yaml_file import read_yaml
 
 TARGETS = (CircleGrid, Chessboard, Charuco, AprilGrid)
-
-LARGEST_FILE = 1 << 20
 
 
 def load_target(path: str | PathLike) -> Target:
     """Read a target file (YAML): this project's keys or Kalibr's. Raises InputError in one line."""
     path = Path(path)
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: too large for a target file")
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read target file {path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" (line {mark.line + 1})" if mark else ""
-        raise InputError(f"{path}: not valid YAML{where}") from error
-    return parse_target(values, str(path), path.stem)
+    return parse_target(read_yaml(path, "target"), str(path), path.stem)
 
 
 def parse_target(values, source: str = "target", name: str = "target") -> Target:

@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 from scipy.special import erf
 
-HALF_SIDES = (2, 3, 4, 5, 6, 8, 10, 12)
-ROUNDS = 6
-FIRST_BLUR = 1.0
-MARGIN = 2.0
-MOST_RESIDUAL = 0.35
-LEAST_CONTRAST = 4.0
+HALF_SIDES = (2, 3, 4, 5, 6, 8, 10, 12)  # of the windows, pixels
+ROUNDS = 6  # of Gauss–Newton
+FIRST_BLUR = 1.0  # pixels
+MARGIN = 2.0  # pixels kept away from a marker for its blurred edge
+MOST_RESIDUAL = 0.35  # of the contrast
+LEAST_CONTRAST = 4.0  # grey values, half of white minus black
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,9 @@ class Keys:
             raise self.fail(key, "is missing")
         return self._values[key]
 
-    def count(self, key: str, least: int, default: int | None = None) -> int:
+    def count(self, key: str, least: int) -> int:
         """A whole number from ``least`` to 500."""
-        value = default if default is not None and key not in self else self._need(key)
+        value = self._need(key)
         whole = isinstance(value, (int, float)) and not isinstance(value, bool) and float(value).is_integer()
         if not whole or not least <= value <= LARGEST_COUNT:
             raise self.fail(key, f"must be a whole number from {least} to {LARGEST_COUNT}, not {value!r}")
@@ -58,8 +58,9 @@ class Keys:
             raise self.fail(key, f"is {value:g}; lengths are in metres")
         return value
 
-    def flag(self, key: str, default: bool = False) -> bool:
-        value = self._values.get(key, default)
+    def flag(self, key: str) -> bool:
+        """False where it is not given."""
+        value = self._values.get(key, False)
         if value not in (True, False):
             raise self.fail(key, f"must be true or false, not {value!r}")
         return bool(value)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-LONGEST_SIDE = 1400
-FINE, COARSE = 1.5, 3.0
-STRONGEST = 0.998
-LEAST_CONTRAST = 3.0
-MOST_BLUR = 4.5
+LONGEST_SIDE = 1400  # pixels; a larger image is reduced
+FINE, COARSE = 1.5, 3.0  # pixels: the two known blurs
+STRONGEST = 0.998  # quantile of the slopes that count as edges
+LEAST_CONTRAST = 3.0  # grey values a pixel
+MOST_BLUR = 4.5  # pixels beyond which blur is the reason
 
 
 def edge_blur(image: np.ndarray) -> float:

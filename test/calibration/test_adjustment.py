@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from known_scenes import BOARD, CAMERA, poses_of, seen, seen_board, with_gross_errors
+from known_scenes import CAMERA, poses_of, seen, seen_board, with_gross_errors
 from scipy.optimize import least_squares
 
 from fisheye_ep_calib.calibration import Observations, calibrate
@@ -21,8 +21,8 @@ from fisheye_ep_calib.calibration.normal_equations import (
     view_robust_covariance,
 )
 from fisheye_ep_calib.calibration.robust import LINEAR, Loss
-from fisheye_ep_calib.calibration.rotation import moved_poses, rotation_from_vector
 from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.rotation import motion_jacobian, moved_poses, rotation_from_vector, vector_from_rotation
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -217,8 +217,20 @@ def test_huber_keeps_every_sighting_and_is_not_dragged_off() -> None:
     assert np.abs(result.camera.entrance_pupil(theta) - CAMERA.entrance_pupil(theta)).max() < 1e-3
 
 
+def test_noise_and_held_out_error_mean_the_same_under_either_loss() -> None:
+    observations = seen_board(noise=0.2)
+    cut, huber = (calibrate(observations, "ep_even", loss=loss) for loss in ("cut", "huber"))
+    assert huber.uncertainty.sigma_px == pytest.approx(0.2, rel=0.05)
+    sigma, sigma_huber = (np.sqrt(np.diag(one.uncertainty.shared)) for one in (cut, huber))
+    # Huber's estimate at 1.345 σ of what is Gaussian in the plane: 1 − e^−k²/2 over its square-rooted slope.
+    assert np.abs(sigma_huber / sigma / 1.034 - 1).max() < 0.02
+    for one in (cut, huber):
+        chosen = one.comparison["ep_even"]
+        assert chosen.cross_validated_rms_px > chosen.rms_px == pytest.approx(one.rms_px, rel=1e-6)
+
+
 def test_rotations() -> None:
-    """Rodrigues against the matrix exponential's own series, near zero too."""
+    """Rodrigues against the matrix exponential's own series, near zero too; and back again."""
     rng = np.random.default_rng(4)
     for angle in (0.0, 1e-9, 1e-5, 0.99e-4, 1.01e-4, 0.5, 3.1, 6.0):
         axis = rng.normal(size=3)
@@ -230,8 +242,13 @@ def test_rotations() -> None:
             series = series + term
         found = rotation_from_vector(np.tile(vector, (2, 4, 1)))
         assert np.abs(found - series).max() < 1e-13
+        if angle < np.pi:
+            assert np.abs(vector_from_rotation(found) - vector).max() < 1e-12
     poses = poses_of(3)
     moved = moved_poses(poses, np.full((3, 6), 0.1))
     assert np.allclose(moved[:, :3, 3], poses[:, :3, 3] + 0.1)
     assert np.allclose(moved[:, :3, :3], rotation_from_vector(np.full(3, 0.1)) @ poses[:, :3, :3])
-    assert BOARD.object_points.shape == (54, 3)
+    arms = rng.normal(size=(4, 3, 3))
+    step = 1e-6 * rng.normal(size=6)
+    turned = arms @ rotation_from_vector(step[:3]).T + step[3:]
+    assert np.allclose(turned - arms, motion_jacobian(arms) @ step, atol=1e-11)

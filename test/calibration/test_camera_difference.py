@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fisheye_ep_calib.calibration.camera_difference import camera_difference
+from fisheye_ep_calib.calibration.camera_difference import camera_difference, points_on_rays
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 
@@ -74,3 +74,18 @@ def test_only_the_field_that_both_know_is_compared():
 def test_other_image_size_is_refused():
     with pytest.raises(InputError, match="800×600"):
         camera_difference(CAMERA, replace(CAMERA, image_size=(640, 480)), (1.0,))
+
+
+def test_a_point_lies_ahead_on_its_ray_or_there_is_none():
+    rng = np.random.default_rng(1)
+    origins = np.zeros((500, 3))
+    origins[:, 2] = rng.uniform(-0.05, 0.05, 500)
+    directions = rng.normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    distance = rng.uniform(0.005, 0.1, 500)
+    points, seen = points_on_rays(origins, directions, distance)
+    np.testing.assert_allclose(np.linalg.norm(points[seen], axis=-1), distance[seen], rtol=1e-9)
+    ahead = ((points - origins) * directions).sum(axis=-1)
+    assert (ahead[seen] > 0).all()
+    inside = np.abs(origins[:, 2]) < distance
+    assert seen[inside].all() and 0 < seen[~inside].sum() < (~inside).sum()

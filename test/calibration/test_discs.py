@@ -70,6 +70,21 @@ def test_more_samples_change_nothing() -> None:
         assert np.abs(results[0] - results[1]).max() < 1e-4
 
 
+def test_eight_samples_are_right_to_a_millionth_of_a_pixel_for_the_papers_views() -> None:
+    camera, target = paper_camera(), paper_target()
+    poses = paper_poses(target, 0)
+    results = []
+    for samples in (8, 64):
+        edge = np.zeros((samples, 1, 3))
+        edge[:, 0, :2] = target.disc_radius * boundary_directions(samples)
+        boundary = (target.object_points + edge)[:, None] @ np.swapaxes(poses[:, :3, :3], 1, 2)
+        pixels, valid = camera.project(boundary + poses[:, None, :3, 3])
+        found, _ = curve_centroid(pixels[..., 0], pixels[..., 1])
+        results.append(np.where(valid.all(axis=0), found, np.nan))
+    assert np.isfinite(results[0]).any()
+    assert np.nanmax(np.abs(results[0] - results[1])) < 1e-6
+
+
 def test_an_ellipse_has_its_middle_and_a_limacon_its_integral() -> None:
     angle = 2 * np.pi * np.arange(16) / 16
     found, _ = curve_centroid(3e3 + 5 * np.cos(angle + 0.3), 40 - 2 * np.sin(angle))

@@ -1,5 +1,7 @@
 """Where to hold the target next: views chosen by it know the pupil sooner than random ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from fisheye_ep_calib.calibration.guidance import next_view
 from fisheye_ep_calib.calibration.normal_equations import reduced_information
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.calibration.uncertainty import pupil_sigma, uncertainty
-from fisheye_ep_calib.calibration.view_information import view_information
+from fisheye_ep_calib.calibration.view_information import variance_reduction, view_information
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_target, random_poses
 
 NOISE = 0.05
@@ -42,12 +44,29 @@ def views_needed(seed: int, most: int = 15) -> int:
 
 
 def test_information_of_a_view_is_that_of_the_adjustment():
-    fit = fitted(random_poses(TARGET, 6, 3), 3, "ep_even")
-    equations = evaluate(fit.problem, fit.state)
+    """Of every parameter, where both see the same corners."""
+    poses = random_poses(TARGET, 6, 3, theta_deg=(0, 60))
+    points = observe(paper_camera(), replace(TARGET, disc_radius=None), poses, NOISE, 3)
+    assert len(points.pixels) == 6 * len(TARGET.object_points)
+    fit = refine(first_fit(prepare(points)), Structure("ep_even"))
     told = view_information(fit.state.camera, TARGET.object_points, fit.state.camera_from_target)
-    expected = reduced_information(equations)
-    # Discs are told by their centres here, and sightings at the edge of the image count alike only nearly.
-    assert np.abs(told.information.sum(axis=0) / expected - 1)[:2, :2].max() < 0.1
+    expected = reduced_information(evaluate(fit.problem, fit.state))
+    scale = np.sqrt(np.diag(expected))
+    assert np.abs((told.information.sum(axis=0) - expected) / scale / scale[:, None]).max() < 1e-6
+
+
+def test_variance_reduction_is_what_a_little_of_a_view_takes_away():
+    rng = np.random.default_rng(2)
+    roots = rng.normal(size=(6, 9, 5)) * [1, 10, 100, 0.1, 1]
+    information = np.swapaxes(roots, 1, 2) @ roots
+    known, sought = information[:4].sum(axis=0), rng.normal(size=(3, 5))
+    little = 1e-6
+
+    def variance(matrix):
+        return np.einsum("qi,ij,qj->q", sought, np.linalg.inv(matrix), sought)
+
+    lost = [(1 - variance(known + little * one) / variance(known)).sum() / little for one in information]
+    np.testing.assert_allclose(variance_reduction(information, known, sought), lost, rtol=1e-4)
 
 
 def test_a_suggestion_points_where_it_says():

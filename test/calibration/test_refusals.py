@@ -196,3 +196,30 @@ def test_a_fit_that_did_not_converge_says_so(observations, monkeypatch) -> None:
         fits, "adjust", lambda *given, **options: full(*given, **{**options, "max_iterations": 1})
     )
     assert not calibrate(observations, "ep_even").converged
+
+
+@pytest.mark.parametrize(
+    ("model", "options", "words"),
+    [
+        ("ep_even_target_axis", {}, "unknown model 'ep_even_target_axis'"),
+        ("ep_even", {"loss": "Huber"}, "unknown loss 'Huber'; known: cut, huber"),
+        ("ep_even", {"disc_centers": "centre"}, "unknown disc_centers 'centre'"),
+        ("ep_even", {"svp_distance": -1.0}, "must be positive, not -1 m"),
+        ("ep_even", {"svp_distance": np.nan}, "must be positive"),
+        ("ep_even", {"terms": 9}, "takes 1 to 4 terms"),
+    ],
+)
+def test_options_that_mean_nothing(observations, model, options, words) -> None:
+    with pytest.raises(InputError, match=words):
+        calibrate(observations, model, **options)
+
+
+def test_a_stand_in_nearer_than_the_pupil_moves_is_refused(observations) -> None:
+    with pytest.raises(CalibrationError, match="choose a larger --svp-distance"):
+        calibrate(observations, "ep_even", svp_distance=1e-6)
+
+
+def test_a_view_of_one_line_says_so(observations) -> None:
+    line = (observations.image_index != 7) | (observations.point_index < 9)
+    found = evaluate_camera(CAMERA, rows(observations, line))
+    assert found.failed == {7: "its points lie on one line"}

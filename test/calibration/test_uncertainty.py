@@ -9,8 +9,8 @@ import pytest
 from known_scenes import BOARD, CAMERA, poses_of, seen, seen_board
 
 from fisheye_ep_calib.calibration import Observations, calibrate
-from fisheye_ep_calib.calibration.rotation import rotation_from_vector
 from fisheye_ep_calib.calibration.uncertainty import projection_uncertainty, pupil_sigma, radius_sigma
+from fisheye_ep_calib.rotation import rotation_from_vector
 
 pytestmark = pytest.mark.filterwarnings("error")
 THETA = np.radians([30, 60, 80])

@@ -68,9 +68,20 @@ def test_an_extra_inverts_and_is_the_identity_at_zero(name: str) -> None:
     for coefficients in [(0.02, -0.01), (-0.02, 0.02), (1e-9, 0.0)]:
         bent = extra.apply(x, y, coefficients)
         back = extra.invert(*bent, coefficients)
-        assert max(np.abs(back[0] - x).max(), np.abs(back[1] - y).max()) < 1e-13
-    x0, y0 = extra.invert(np.float64(0.3), np.float64(-0.2), (0.02, 0.01))
+        assert max(np.abs(back[0] - x).max(), np.abs(back[1] - y).max()) < 1e-13 and back[2].all()
+    x0, y0, _ = extra.invert(np.float64(0.3), np.float64(-0.2), (0.02, 0.01))
     assert np.allclose(extra.apply(x0, y0, (0.02, 0.01)), (0.3, -0.2), atol=1e-15)
+
+
+@pytest.mark.parametrize("extras", [{"tangential": (0.2, 0.2)}, {"tilt": (0.9, -0.5)}], ids=["tangential", "tilt"])
+def test_a_pixel_that_an_extra_does_not_reach_has_no_ray(extras) -> None:
+    camera = FisheyeCamera((1000, 800), 300, 310, 500, 400, extras=extras)
+    u, v = np.meshgrid(np.linspace(-4000, 5000, 91), np.linspace(-4000, 5000, 91))
+    pixels = np.stack([u, v], axis=-1)
+    origins, directions, valid = camera.unproject(pixels)
+    assert valid.any() and not valid.all()
+    back, _ = camera.project(origins[valid] + directions[valid])
+    assert np.abs(back - pixels[valid]).max() < 1e-5
 
 
 def test_extras_are_applied_in_order() -> None:
@@ -101,7 +112,7 @@ def test_pupil_bases_are_their_formulas(model: str) -> None:
 @pytest.mark.parametrize("lens", LENSES)
 def test_lenses_are_their_formulas_and_start_at_unit_slope(lens: str) -> None:
     theta = np.linspace(0, 1.9, 100)
-    coefficients = np.array(LENSES[lens].central_coefficients) + 0.01
+    coefficients = np.array(LENSES[lens].start_coefficients) + 0.01
     np.testing.assert_allclose(
         LENSES[lens].radius(theta, coefficients), FORMULAS[lens](theta, coefficients), rtol=1e-13, atol=1e-16
     )

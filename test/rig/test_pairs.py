@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from simulated_rig import errors, place, targets_between
 
-from fisheye_ep_calib.calibration.rotation import moved_poses
 from fisheye_ep_calib.rig.graph import components, join
 from fisheye_ep_calib.rig.pairs import PairPose, pair_pose
 from fisheye_ep_calib.rig.symmetry import no_symmetry, symmetries
+from fisheye_ep_calib.rotation import moved_poses
 from fisheye_ep_calib.simulation import paper_target
 from fisheye_ep_calib.target.chessboard import Chessboard
 from fisheye_ep_calib.target.circle_grid import CircleGrid

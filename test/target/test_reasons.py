@@ -5,7 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
+from fisheye_ep_calib.rotation import rotation_from_vector
 from fisheye_ep_calib.simulation import Imaging, look_pose, paper_camera, paper_target, render
 from fisheye_ep_calib.simulation.clutter import clutter_image
 from fisheye_ep_calib.target import parse_target
@@ -87,3 +89,33 @@ def test_a_board_whose_marks_are_hidden_is_not_guessed():
     hidden = render(CAMERA, target, pose, Imaging(blur=0.8, noise=2, occluders=(patch,)))
     detection = target.detector().detect(hidden)
     assert len(detection) == 0 and "discs, but not which" in detection.reason
+
+
+@pytest.mark.parametrize(
+    ("holed", "unmistakable"),
+    [
+        ([[0, 0], [2, 2], [4, 4]], False),
+        ([[2, 2]], False),
+        ([[1, 1]], True),
+        ([[2, 2], [3, 2], [2, 1]], True),
+        ([], False),
+    ],
+)
+def test_a_board_that_keeps_its_holes_when_turned_is_found_but_not_unmistakable(holed, unmistakable):
+    target = parse_target(
+        {"type": "circle_grid", "columns": 5, "rows": 5, "spacing": 0.012, "radius": 0.004, "holed": holed}
+    )
+    assert target.unmistakable == unmistakable
+    points = target.object_points
+    tree, middle = cKDTree(points), points.mean(axis=0)
+    turns = [rotation_from_vector(np.array([0, 0, quarters * np.pi / 2])) for quarters in range(4)]
+    names = [tree.query((points - middle) @ turn.T + middle)[1] for turn in turns]
+    for roll in (0.3, 2.0, 4.0):
+        pose = look_pose(target, 0.2, 0.4, 0.12, tilt=0.3, roll=roll)
+        seen = target.detector().detect(render(CAMERA, target, pose, Imaging(blur=0.8, noise=2)))
+        assert len(seen) == 25
+        pixels, _ = CAMERA.project(points @ pose[:3, :3].T + pose[:3, 3])
+        right = [np.abs(pixels[name][seen.point_index] - seen.pixels).max() < 1 for name in names]
+        assert sum(right) == 1
+        assert set(names[right.index(True)][list(target.holed)]) == set(target.holed)
+        assert right[0] or not unmistakable

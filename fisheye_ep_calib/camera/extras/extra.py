@@ -4,6 +4,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+_SOLVED = 1e-9  # of the plane's unit
+
 
 class PlaneJacobian(NamedTuple):
     """∂(x′, y′)/∂(x, y), each of shape S."""
@@ -31,13 +33,16 @@ class LensExtra(Protocol):
         """∂(x′, y′)/∂(x, y) and ∂(x′, y′)/∂coefficients, the latter of shape (2, n, *S)."""
         ...
 
-    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray]:
-        """The (x, y) that the extra maps to the given (x′, y′)."""
+    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The (x, y) that the extra maps to the given (x′, y′), and whether there is one near the identity's."""
         ...
 
 
 def invert_by_newton(extra: LensExtra, x: np.ndarray, y: np.ndarray, coefficients):
-    """Solve extra(a, b) = (x, y) by Newton steps from (x, y); the maps are near the identity."""
+    """Solve extra(a, b) = (x, y) by Newton steps from (x, y); the maps are near the identity.
+
+    a, b and whether they solve it, with the map not folded over there (its determinant positive).
+    """
     a, b = np.array(x, dtype=float), np.array(y, dtype=float)
     for _ in range(30):
         mapped_x, mapped_y = extra.apply(a, b, coefficients)
@@ -50,4 +55,8 @@ def invert_by_newton(extra: LensExtra, x: np.ndarray, y: np.ndarray, coefficient
         a, b = a - step_a, b - step_b
         if not (np.abs(step_a) + np.abs(step_b) > 1e-15 * (1 + np.abs(a) + np.abs(b))).any():
             break
-    return a, b
+    mapped_x, mapped_y = extra.apply(a, b, coefficients)
+    plane, _ = extra.jacobian(a, b, coefficients)
+    with np.errstate(invalid="ignore"):
+        solved = np.hypot(mapped_x - x, mapped_y - y) < _SOLVED * (1 + np.hypot(x, y))
+        return a, b, solved & (plane.xx * plane.yy - plane.xy * plane.yx > 0)

@@ -32,7 +32,7 @@ class Tangential:
         second = np.stack([square + 2 * y * y, product])
         return plane, np.stack([first, second])
 
-    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray]:
+    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """By Newton steps."""
         return invert_by_newton(self, x, y, coefficients)
 

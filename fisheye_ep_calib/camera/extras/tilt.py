@@ -65,11 +65,14 @@ class Tilt:
             columns.append(np.stack([(slope_a - u * slope_c) / c, (slope_b - v * slope_c) / c]))
         return plane, np.stack(columns, axis=1)
 
-    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray]:
-        """The inverse homography."""
+    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The inverse homography, on the side of its horizon where the axis is."""
         homography, _, _ = _homography(*coefficients)
-        a, b, c = self._map(np.linalg.inv(homography), x, y)
-        return a / c, b / c
+        inverse = np.linalg.inv(homography)
+        a, b, c = self._map(inverse, x, y)
+        front = c * inverse[2, 2] > 0
+        c = np.where(front, c, 1.0)
+        return a / c, b / c, front
 
 
 TILT = Tilt()

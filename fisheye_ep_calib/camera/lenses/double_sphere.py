@@ -8,7 +8,7 @@ class DoubleSphere:
 
     name = "double_sphere"
     coefficient_names = ("xi", "alpha")
-    central_coefficients = (-0.2, 0.6)
+    start_coefficients = (-0.2, 0.6)
 
     @staticmethod
     def _terms(theta, coefficients):

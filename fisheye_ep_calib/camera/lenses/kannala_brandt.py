@@ -8,7 +8,7 @@ class KannalaBrandt:
 
     name = "kannala_brandt"
     coefficient_names = ("k1", "k2", "k3", "k4")
-    central_coefficients = (0.0, 0.0, 0.0, 0.0)
+    start_coefficients = (0.0, 0.0, 0.0, 0.0)
 
     def radius(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """r = θ (1 + θ² (k1 + θ² (k2 + θ² (k3 + θ² k4))))."""

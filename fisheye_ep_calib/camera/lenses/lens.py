@@ -9,7 +9,7 @@ class Lens(Protocol):
     """An axially symmetric central projection for unit focal length: radius r of a ray at angle θ.
 
     name: what the camera file calls it. coefficient_names: one name a coefficient.
-    central_coefficients: where a calibration starts.
+    start_coefficients: where a calibration starts.
     Angles are arrays of any shape S, in radians; r is dimensionless.
     """
 
@@ -20,7 +20,7 @@ class Lens(Protocol):
     def coefficient_names(self) -> tuple[str, ...]: ...
 
     @property
-    def central_coefficients(self) -> tuple[float, ...]: ...
+    def start_coefficients(self) -> tuple[float, ...]: ...
 
     def radius(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """r(θ), shape S."""

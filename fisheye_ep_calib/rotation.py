@@ -1,4 +1,4 @@
-"""Rotations for whole batches: the exponential map and pose updates."""
+"""Rotations for whole batches: the exponential map and back, pose updates, and how points follow a motion."""
 
 import numpy as np
 
@@ -20,6 +20,35 @@ def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
     skew[..., 1, 0], skew[..., 1, 2] = vector[..., 2], -vector[..., 0]
     skew[..., 2, 0], skew[..., 2, 1] = -vector[..., 1], vector[..., 0]
     return np.eye(3) + a[..., None, None] * skew + b[..., None, None] * (skew @ skew)
+
+
+def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
+    """Rotation vectors (..., 3), rad, of rotations (..., 3, 3) by less than π: the axis a times atan2(sin, cos).
+
+    2 sin · a = (R32 − R23, R13 − R31, R21 − R12), 2 cos = tr R − 1.
+    """
+    axis = 0.5 * np.stack(
+        [
+            rotation[..., 2, 1] - rotation[..., 1, 2],
+            rotation[..., 0, 2] - rotation[..., 2, 0],
+            rotation[..., 1, 0] - rotation[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
+    angle = np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=-2, axis2=-1)[..., None] - 1))
+    return axis * np.where(sine > 0, angle / np.where(sine > 0, sine, 1.0), 1.0)
+
+
+def motion_jacobian(arms: np.ndarray) -> np.ndarray:
+    """∂(c + ω × a + t)/∂(ω, t) = [−[a]×, I], (..., 3, 6), of points c + a turned by ω about c and shifted by t.
+
+    arms a (..., 3): metres; for a turn about the origin the points themselves.
+    """
+    x, y, z = (arms[..., i] for i in range(3))
+    zero = np.zeros_like(x)
+    turn = np.stack([np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=-2)
+    return np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape)], axis=-1)
 
 
 def moved_poses(poses: np.ndarray, step: np.ndarray) -> np.ndarray:

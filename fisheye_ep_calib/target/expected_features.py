@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.rotation import motion_jacobian
 from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
 
-BOUNDARY = 12
+BOUNDARY = 12  # samples of a disc's edge
 FARTHER = 0.15  # rad
 FEWEST_FOR_PLANE, FEWEST_FOR_QUADRATIC = 8, 15
 
 
 @dataclass(frozen=True)
-class Prediction:
+class ExpectedFeatures:
     """n features. pixels (n, 2). plane_jacobian (n, 2, 2): pixels per metre along the target's x and y.
 
     visible (n,): the camera has a pixel for the feature, inside the image, and sees the board's front.
@@ -35,9 +36,9 @@ def beyond_evidence(camera: FisheyeCamera) -> FisheyeCamera:
     return replace(camera, theta_max=min(camera.theta_max + FARTHER, np.pi))
 
 
-def predict(
+def expect(
     camera: FisheyeCamera, camera_from_target: np.ndarray, points: np.ndarray, image_shape: tuple[int, ...]
-) -> Prediction:
+) -> ExpectedFeatures:
     """Project a target's points (n, 3), metres, at a pose (4, 4)."""
     camera = beyond_evidence(camera)
     rotation, translation = camera_from_target[:3, :3], camera_from_target[:3, 3]
@@ -49,10 +50,10 @@ def predict(
         inside = (pixels >= 0).all(axis=1) & (pixels <= [width - 1, height - 1]).all(axis=1)
     visible = valid & inside & np.isfinite(jacobian).all(axis=(1, 2))
     pixels = np.where(visible[:, None], pixels, 0.0)
-    return Prediction(pixels, np.where(visible[:, None, None], jacobian, np.eye(2)), visible)
+    return ExpectedFeatures(pixels, np.where(visible[:, None, None], jacobian, np.eye(2)), visible)
 
 
-def predict_discs(
+def expect_discs(
     camera: FisheyeCamera,
     camera_from_target: np.ndarray,
     points: np.ndarray,
@@ -67,7 +68,7 @@ def predict_discs(
     """
     edge = np.repeat(points[:, None], BOUNDARY, axis=1)
     edge[..., :2] += radius * boundary_directions(BOUNDARY)
-    seen = predict(camera, camera_from_target, edge.reshape(-1, 3), image_shape)
+    seen = expect(camera, camera_from_target, edge.reshape(-1, 3), image_shape)
     visible = np.asarray(seen.visible.reshape(-1, BOUNDARY).all(axis=1))
     pixels = seen.pixels.reshape(-1, BOUNDARY, 2)[visible]
     center, shape = np.zeros((len(points), 2)), np.tile(np.eye(2), (len(points), 1, 1))
@@ -78,7 +79,7 @@ def predict_discs(
     return center, shape, visible
 
 
-def predict_bend(
+def expect_bend(
     camera: FisheyeCamera,
     camera_from_target: np.ndarray,
     points: np.ndarray,
@@ -93,7 +94,7 @@ def predict_bend(
     steps = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [1, -1], [-1, 1], [-1, -1]]) / 2
     moved = np.repeat(points[None], len(steps), axis=0)
     moved[..., :2] += steps[:, None, :] * reach[None, :, None]
-    found = predict(camera, camera_from_target, moved.reshape(-1, 3), image_shape)
+    found = expect(camera, camera_from_target, moved.reshape(-1, 3), image_shape)
     at = found.pixels.reshape(len(steps), -1, 2)
     seen = np.asarray(found.visible.reshape(len(steps), -1).all(axis=0))
     xx, yy = at[1] + at[2] - 2 * at[0], at[3] + at[4] - 2 * at[0]
@@ -109,10 +110,7 @@ def pose_columns(camera: FisheyeCamera, camera_from_target: np.ndarray, points: 
     camera = beyond_evidence(camera)
     turned = points @ camera_from_target[:3, :3].T
     _, valid, d_point, _ = camera.project_with_jacobian(turned + camera_from_target[:3, 3])
-    x, y, z = turned.T
-    zero = np.zeros_like(x)
-    cross = np.stack([np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=1)
-    columns = np.concatenate([d_point @ cross, d_point], axis=-1)
+    columns = d_point @ motion_jacobian(turned)
     return np.where((valid & np.isfinite(columns).all(axis=(1, 2)))[:, None, None], columns, 0.0)
 
 
