@@ -62,7 +62,7 @@ def fold_of_view(views: int, folds: int = FOLDS) -> np.ndarray:
 def cross_validate(fit: Fit) -> CrossValidation:
     """Cross-validate a fit's structure; the folds are the same for every structure on the same views."""
     views = len(fit.sightings.images)
-    folds = FOLDS if views >= 2 * FOLDS else max(2, min(FOLDS, views // MIN_VIEWS))
+    folds = FOLDS if views >= 2 * FOLDS else views
     number = fold_of_view(views, folds)
     found = [held_out_error(_fit_without(fit, number == fold), fit, number == fold) for fold in range(folds)]
     return CrossValidation(*np.array(found, dtype=float).T)
