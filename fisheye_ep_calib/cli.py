@@ -65,10 +65,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal that knows no θ, a file name that is no text
     logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
-    parsed = build_parser().parse_args(arguments)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: what was found is kept
     try:
+        parsed = build_parser().parse_args(arguments)
         return parsed.run(parsed)
     except CalibrationError as error:
         return _fail(str(error), error.exit_code)

@@ -49,7 +49,7 @@ class Options:
             if value not in known:
                 raise InputError(f"unknown {name} {value!r}; known: {', '.join(known)}")
         if not self.svp_distance > 0:
-            raise InputError(f"the single-viewpoint camera's distance must be positive, not {self.svp_distance:g} m")
+            raise InputError(f"the distance of --svp-distance must be positive, not {self.svp_distance:g} m")
 
 
 def calibrate(observations: Observations, model: str = AUTO, **options) -> CalibrationResult:
@@ -59,7 +59,7 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     models, decides skew, tangential terms and board warp, and takes what the data support.
     """
     settings = Options(**options)
-    base = _base_structure(settings, model)
+    base = base_structure(settings, model)
     started = time.perf_counter()
     sightings = prepare(observations, settings.disc_centers)
     _refuse_alike_views(sightings)
@@ -105,7 +105,8 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     )
 
 
-def _base_structure(settings: Options, model: str) -> Structure:
+def base_structure(settings: Options, model: str) -> Structure:
+    """What the user has fixed. Raises InputError where there is no such model, lens or number of terms."""
     extras = tuple(name for name in LENS_EXTRAS if getattr(settings, name))
     return Structure(
         {AUTO: "ep_even", PRINTED_FORM: "ep_odd"}.get(model, model),

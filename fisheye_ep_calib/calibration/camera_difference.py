@@ -12,6 +12,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rotation import motion_jacobian, rotation_from_vector, vector_from_rotation
 
 ALIGNMENTS = ("rotation", "rigid", "none")
+SAME_PIXEL = 1e-3  # px
 _GRID = 25  # pixels a side at which the cameras are compared
 _ITERATIONS = 20
 _SETTLED = 1e-10  # rad and metres
@@ -66,6 +67,9 @@ def camera_difference(
         )
     both = min(first.theta_max, second.theta_max)
     pixels, theta, points, seen = points_over_image(replace(first, theta_max=both), distance_m, grid)
+    back, own, _, d_first = replace(first, theta_max=np.pi).project_with_jacobian(points)
+    # Very near, a point may lie on the rays of several pixels.
+    seen &= own & (np.abs(np.where(own[..., None], back, np.inf) - pixels).max(axis=-1) < SAME_PIXEL)
     # A point may lie at a slightly larger angle for the second camera: the field was limited above.
     second = replace(second, theta_max=min(np.pi, both + 0.05))
     columns = {"none": 0, "rotation": 3, "rigid": 6}[alignment]
@@ -75,8 +79,7 @@ def camera_difference(
     rotation = rotation_from_vector(turn)
     moved = points @ rotation.T + shift
     projected, reached, d_point, d_second = second.project_with_jacobian(moved)
-    _, own, _, d_first = replace(first, theta_max=np.pi).project_with_jacobian(points)
-    used = seen & reached & own
+    used = seen & reached
     difference = np.where(used[..., None], projected - pixels, np.nan)
     gauge = (d_point @ motion_jacobian(moved))[used].reshape(-1, 6)[:, :columns]
     variance = np.zeros(int(used.sum()))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.adjustment import Adjustment, adjust, residuals, stepped
-from fisheye_ep_calib.calibration.fit import MIN_VIEWS, Fit, of_images, weighted_square
+from fisheye_ep_calib.calibration.fit import Fit, of_images, weighted_square
 from fisheye_ep_calib.calibration.normal_equations import solve_damped
 
 FOLDS = 5

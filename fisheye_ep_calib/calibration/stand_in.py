@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from fisheye_ep_calib.calibration.camera_difference import points_on_rays
+from fisheye_ep_calib.calibration.camera_difference import SAME_PIXEL, points_on_rays
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 
 LOSS_DISTANCES = (0.1, 0.3, 1.0, 10.0)  # metres
 _GRID = 25  # pixels a side at which the two cameras are compared
-_SAME_PIXEL = 1e-3  # px
 _LEAST_POINTS = 0.5  # of the grid's pixels that have a ray
 _NOT_PINHOLE = 1e-12  # consumers read D = 0 as "no distortion at all", a pinhole
 
@@ -109,5 +108,5 @@ def _points_over_image(camera: FisheyeCamera, distance: float) -> tuple[np.ndarr
     # Very near, several rays may pass through a point.
     back, seen_back = camera.project(points)
     with np.errstate(invalid="ignore"):
-        valid &= seen & seen_back & (np.abs(back - pixels).max(axis=-1) < _SAME_PIXEL)
+        valid &= seen & seen_back & (np.abs(back - pixels).max(axis=-1) < SAME_PIXEL)
     return pixels[valid], points[valid]

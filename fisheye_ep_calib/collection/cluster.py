@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import pickle
+import re
 import threading
 import time
 import uuid
@@ -24,6 +25,7 @@ from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.detection import Detector
 
 PACKAGE = "fisheye_ep_calib[cluster]"
+_ADDRESS = re.compile(r"(tcp|tls|wss?|ucx|inproc)://\S+|[^\s/:]+:\d+$")
 CONNECT_SECONDS = 7
 ANSWER_SECONDS = 60  # for a cluster without workers, or out of reach, before it is given up
 CHECK_SECONDS = 2
@@ -174,6 +176,8 @@ def _client_of(address: str) -> Any:
     # Its own words on workers that come and go are not for the user of a command.
     for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.core", "distributed.utils"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    if not _ADDRESS.match(address):  # a client that fails over it would linger
+        raise InputError(f"--scheduler {address!r} is no address such as tcp://HOST:PORT")
     try:
         return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:

@@ -15,7 +15,7 @@ from fisheye_ep_calib.collection.choice import FrameChoice, first_look, next_loo
 from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
 from fisheye_ep_calib.collection.pool import frame_pool
 from fisheye_ep_calib.collection.progress import progress_bar
-from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
+from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, sizes_differ
 from fisheye_ep_calib.collection.workers import Job
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.recording import Recording
@@ -81,13 +81,13 @@ class Collector:
     def collect(self, topics: Sequence[str], choice: FrameChoice | None = None) -> dict[str, DetectionRun]:
         """Look at the images of these cameras, coarse to fine in time.
 
-        Ctrl-C ends the looking and keeps what was found. Raises InputError where a topic's images differ in
-        size or, when strict, where one cannot be read.
+        Ctrl-C ends the looking and keeps what was found; so does a topic whose images differ in size, for that topic.
+        Raises InputError where strict and an image cannot be read.
         """
         choice = choice or FrameChoice()
         if self._log_path is not None:
             key = search_key(self._recording, topics, self._target)
-            self._log = DetectionLog(self._log_path, key, self._resume)
+            self._log = DetectionLog(self._log_path, key, self._recording.fingerprint, self._resume)
         counts = {topic: self._recording.count(topic) for topic in topics}
         first = {topic: first_look(counts[topic], choice) for topic in topics}
         seen: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
@@ -150,8 +150,7 @@ class Collector:
                 progress.set_postfix(found=sum(frame.found for run in seen.values() for frame in run.values()))
                 left[topic] -= 1
                 if left[topic] == 0:
-                    _check_sizes(topic, seen[topic])
-                    following = next_jobs(topic)
+                    following = next_jobs(topic) if sizes_differ(_in_order(seen[topic])) is None else ()
                     left[topic] = len(following)
                     known.extend(self._begin(following, log))
         except KeyboardInterrupt:
@@ -183,21 +182,3 @@ class Collector:
 
 def _in_order(frames: Mapping[int, FrameResult]) -> tuple[FrameResult, ...]:
     return tuple(frames[index] for index in sorted(frames))
-
-
-def _check_sizes(topic: str, frames: Mapping[int, FrameResult]) -> None:
-    first: FrameResult | None = None
-    for frame in _in_order(frames):
-        if frame.image_size is None:
-            continue
-        first = first or frame
-        if frame.image_size != first.image_size:
-            raise InputError(
-                f"{topic}: its images differ in size: {_name_and_size(first)}, {_name_and_size(frame)}; "
-                "calibrate each size by itself"
-            )
-
-
-def _name_and_size(frame: FrameResult) -> str:
-    width, height = frame.image_size or (0, 0)
-    return f"{frame.name} is {width}×{height}"

@@ -6,7 +6,8 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import IO
 
@@ -23,18 +24,24 @@ if sys.platform != "win32":
 else:
     fcntl = None
 
-FORMAT = 2
+FORMAT = 3
+_NO_KIND = ("name", "object_points")  # of a target: what does not tell its kind, or not in few words
 
 
 class DetectionLog:
     """One line of JSON an image. A line that a crash left unfinished is dropped.
 
-    known: (topic, image) → what an earlier run saw; what it could not read may be readable by now. images: how many the
+    known: (topic, image) → what an earlier run saw in an image that is still the same; what it could not read may be
+    readable by now. images: how many the
     log holds. holds_views: the target was found in some of them.
     """
 
-    def __init__(self, path: Path, key: str, resume: bool) -> None:
-        """key: what was searched and for what; an earlier log of another key is not resumed (InputError)."""
+    def __init__(self, path: Path, key: str, fingerprint: Callable[[str, int], str], resume: bool) -> None:
+        """key: what was searched and for what; an earlier log of another key is not resumed (InputError).
+
+        fingerprint: of an image, by topic and number, tells it from one that has taken its place.
+        """
+        self._fingerprint = fingerprint
         self.path = path
         self.known: dict[tuple[str, int], FrameResult] = {}
         self.images = 0
@@ -66,7 +73,11 @@ class DetectionLog:
         if lines:
             self._check(lines[0], key)
             seen, whole = _parse(lines[1:])
-            self.known = {image: result for image, result in seen.items() if not result.error}
+            self.known = {
+                image: result
+                for image, (result, fingerprint) in seen.items()
+                if not result.error and fingerprint == self._fingerprint(*image)
+            }
             good = sum(len(line) + 1 for line in lines[: 1 + whole])
             self.images = len(self.known)
             self.holds_views = any(result.found for result in self.known.values())
@@ -88,7 +99,7 @@ class DetectionLog:
     def add(self, result: FrameResult) -> None:
         """Remember an image; on disk when this returns, short of a power cut."""
         try:
-            self._write(_to_json(result))
+            self._write(_to_json(result) | {"fingerprint": self._fingerprint(result.topic, result.index)})
         except OSError as error:
             raise CalibrationError(f"cannot write {self.path}: {error.strerror or error}") from None
         self.images += 1
@@ -108,10 +119,11 @@ class DetectionLog:
 
 
 def search_key(recording: Recording, topics: Sequence[str], target: Target) -> str:
-    """Names a search: the same images, by their times or paths, and the same target, by its type and points."""
+    """Names a search: the same images, by times or paths, for the same target, whatever its name."""
     digest = hashlib.sha256(type(target).__name__.encode())
     digest.update(np.ascontiguousarray(target.object_points, dtype="<f8").tobytes())
-    digest.update(repr(target.disc_radius).encode())
+    kinds = [(field.name, getattr(target, field.name)) for field in fields(target) if field.name not in _NO_KIND]
+    digest.update(repr(kinds).encode())
     for topic in sorted(topics):
         for part in (topic, *recording.identities(topic)):
             digest.update(os.fsencode(part) + b"\0")
@@ -156,13 +168,17 @@ def _from_json(content: dict) -> FrameResult:
     )
 
 
-def _parse(lines: Sequence[bytes]) -> tuple[dict[tuple[str, int], FrameResult], int]:
-    """What lines tell, and how many come before the first that is damaged; what follows is looked at again."""
+def _parse(lines: Sequence[bytes]) -> tuple[dict[tuple[str, int], tuple[FrameResult, str]], int]:
+    """What lines tell, with each image's fingerprint, and how many come before the first that is damaged.
+
+    What follows that is looked at again.
+    """
     known = {}
     for number, line in enumerate(lines):
         try:
-            result = _from_json(json.loads(line))
+            content = json.loads(line)
+            result = _from_json(content)
+            known[result.topic, result.index] = result, content["fingerprint"]
         except (ValueError, KeyError, TypeError, IndexError):
             return known, number
-        known[result.topic, result.index] = result
     return known, len(lines)

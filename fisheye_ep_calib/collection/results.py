@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -60,8 +61,17 @@ class DetectionRun:
 
     @property
     def unused(self) -> dict[str, str]:
-        """Name of each image that was looked at and is no view → why."""
-        return {frame.name: frame.reason for frame in self.frames if not frame.found}
+        """Name of each image that was looked at and is no view → why; namesakes are numbered."""
+        reasons: dict[str, str] = {}
+        for frame in self.frames:
+            if frame.found:
+                continue
+            name, number = frame.name, 1
+            while name in reasons:
+                number += 1
+                name = f"{frame.name} ({number})"
+            reasons[name] = frame.reason
+        return reasons
 
     @property
     def bad_frames(self) -> int:
@@ -95,8 +105,13 @@ class DetectionRun:
     def observations(self, object_points: np.ndarray, disc_radius: float | None = None) -> Observations:
         """Every view's points, for a target of ``object_points`` (n, 3) m.
 
-        Raises InputError where no image could be read, CalibrationError where the target is in none.
+        Raises InputError where no image could be read or their sizes differ, CalibrationError where the target is in
+        none.
         """
+        differ = sizes_differ(self.frames)
+        if differ is not None:
+            one, other = ("{} is {}×{}".format(frame.name, *(frame.image_size or (0, 0))) for frame in differ)
+            raise InputError(f"{self.topic}: its images differ in size: {one}, {other}; give images of one size")
         views = self.views
         if not views:
             raise self._nothing_found()
@@ -121,3 +136,9 @@ class DetectionRun:
             f"{self.topic}: the target was found in none of {len(self.frames)} images ({count} ×: {reason}); "
             "check that the target file describes the printed target"
         )
+
+
+def sizes_differ(frames: Sequence[FrameResult]) -> tuple[FrameResult, FrameResult] | None:
+    """The first image, and the first that has another size; None where all are alike."""
+    sized = [frame for frame in frames if frame.image_size is not None]
+    return next(((sized[0], frame) for frame in sized if frame.image_size != sized[0].image_size), None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from dataclasses import fields
@@ -10,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, Options, calibrate
-from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM
+from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM, base_structure
 from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing
 from fisheye_ep_calib.commands.resuming import add_resume_argument, log_of
 from fisheye_ep_calib.commands.sources import CameraSource, add_source_arguments, camera_sources
 from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
-from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
@@ -92,15 +93,28 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def check_fit_arguments(arguments: argparse.Namespace) -> None:
+    """Raises InputError before anything is looked at."""
+    base_structure(Options(**_options(arguments)), arguments.model)
+
+
 def run(arguments: argparse.Namespace) -> int:
-    Options(**_options(arguments))
+    check_fit_arguments(arguments)
     output = _free_folder(arguments.output)
     _refuse_taken(output, [], arguments)
     log = log_of(output, arguments.resume)
+    earlier = _earlier_results(output)
+    texts: list[str] = []
     with camera_sources(arguments, log, lambda names: _refuse_taken(output, names, arguments)) as (cameras, look_again):
         with results_folder(output) as folder:
-            reports, failures = _calibrate_all(cameras, look_again, arguments, folder, output)
+            reports, failures = _calibrate_all(cameras, look_again, arguments, folder, output, texts)
+            written = {path.relative_to(folder) for path in folder.rglob("*")}
+    # Only now: nobody may be reading, and the results are to be there all the same.
     said = sys.stderr if arguments.json else sys.stdout
+    for text in texts:
+        print(text, file=said)
+    for path in sorted(earlier - written):
+        print(f"note: {output / path} is of an earlier calibration", file=sys.stderr)
     for name, report in reports.items():
         print(f"{name}: wrote {report['yaml']}" if report["yaml"] else f"{name}: this model is no camera", file=said)
     if not arguments.no_report:
@@ -113,11 +127,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _calibrate_all(
-    cameras: list[CameraSource], look_again, arguments: argparse.Namespace, folder: Path, output: Path
+    cameras: list[CameraSource],
+    look_again,
+    arguments: argparse.Namespace,
+    folder: Path,
+    output: Path,
+    texts: list[str],
 ) -> tuple[dict[str, dict], list[CalibrationError]]:
     """Write every camera's results to ``folder``, which becomes ``output``; what ``--json`` says, and what failed.
 
-    Raises CalibrationError where no camera could be calibrated.
+    texts: is given what to tell the user of each camera. Raises CalibrationError where no camera could be calibrated.
     """
     reports, failures = {}, []
     with CalibrationReports(folder, cameras, arguments) as collected:
@@ -127,11 +146,14 @@ def _calibrate_all(
                 name = _save(folder, camera, result)
                 reports[camera.name] = calibration_json(camera, result, seconds, name and output / name)
                 collected.add(camera, result, reports[camera.name])
-                print(calibration_text(camera, result), file=sys.stderr if arguments.json else sys.stdout)
+                texts.append(calibration_text(camera, result))
                 if not result.converged:
                     raise CalibrationError(f"the fit did not converge; its best state is in {output / (name or '')}")
+            except Interrupted:
+                raise
             except CalibrationError as error:
                 failures.append(error)
+                collected.add_failure(camera.name, str(error))
                 if len(cameras) > 1:
                     print(f"{camera.name}: error: {error}", file=sys.stderr)
         if not reports:
@@ -139,7 +161,7 @@ def _calibrate_all(
         for camera in cameras:
             if camera.name not in reports and camera.run is not None and isinstance(camera.found, Observations):
                 _save_observations(folder, camera)
-                print(f"{camera.name}: what was found is in {output / _observation_file(camera)}", file=sys.stderr)
+                print(f"{camera.name}: what was found is in {output / _observation_file(camera.name)}", file=sys.stderr)
     return reports, failures
 
 
@@ -194,8 +216,23 @@ def _usable_folder(given: Path) -> Path:
 def _refuse_taken(output: Path, names: list[str], arguments: argparse.Namespace) -> None:
     """Before hours of images are looked at. names: of cameras, as far as they are known."""
     pages = [] if arguments.no_report else [PAGE]
-    files = [*pages, RECORD, *(f"{name}.yaml" for name in names)]
-    refuse_existing([output / file for file in files], arguments.overwrite)
+    of_cameras = [
+        file for name in names for file in (f"{name}.yaml", f"{name}.not_converged.yaml", _observation_file(name))
+    ]
+    refuse_existing([output / file for file in (*pages, RECORD, *of_cameras)], arguments.overwrite)
+    given = [Path(source).absolute() for source in arguments.source]
+    if arguments.split is not None and any((output / file).absolute() in given for file in of_cameras):
+        raise InputError(f"--split {arguments.split} would lose its source's other images; give another --output")
+
+
+def _earlier_results(output: Path) -> set[Path]:
+    """What an earlier calibration has left in the folder, as far as its record tells; relative paths."""
+    try:
+        names = json.loads((output / RECORD).read_text("utf-8"))["cameras"]
+        files = [PAGE, *(f"{name}.yaml" for name in names)]
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    return {Path(file) for file in files if (output / file).exists()}
 
 
 def _save(folder: Path, camera: CameraSource, result: CalibrationResult) -> str | None:
@@ -212,8 +249,8 @@ def _save(folder: Path, camera: CameraSource, result: CalibrationResult) -> str 
 
 
 def _save_observations(folder: Path, camera: CameraSource) -> None:
-    save_observations(folder / _observation_file(camera), camera.observations)
+    save_observations(folder / _observation_file(camera.name), camera.observations)
 
 
-def _observation_file(camera: CameraSource) -> str:
-    return f"observations/{camera.name}.npz"
+def _observation_file(name: str) -> str:
+    return f"observations/{name}.npz"

@@ -8,17 +8,22 @@ import sys
 import time
 from pathlib import Path
 
-from fisheye_ep_calib.commands.calibrate import add_fit_arguments
+import numpy as np
+
+from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.collection import FrameChoice
+from fisheye_ep_calib.commands.calibrate import add_fit_arguments, check_fit_arguments
 from fisheye_ep_calib.commands.fleet_devices import Device, find_devices
 from fisheye_ep_calib.commands.fleet_jobs import DeviceJob, Ended, run_jobs
-from fisheye_ep_calib.commands.fleet_table import Row, as_csv, as_text, device_rows, failed_row, mark_odd
+from fisheye_ep_calib.commands.fleet_table import Row, as_csv, as_text, device_rows, failed_row, is_finished, mark_odd
 from fisheye_ep_calib.commands.reporting import RECORD
-from fisheye_ep_calib.commands.sources import add_looking_arguments
+from fisheye_ep_calib.commands.sources import add_looking_arguments, topics_given
 from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import InputError, Interrupted
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.json_text import json_text
-from fisheye_ep_calib.target import load_target
+from fisheye_ep_calib.storage.observation_file import load_observations
+from fisheye_ep_calib.target import Target, load_target
 
 DESCRIPTION = """\
 Calibrate many devices of one kind, each from its own recording, with one target.
@@ -65,11 +70,9 @@ def run(arguments: argparse.Namespace) -> int:
     devices = find_devices(arguments.devices, output)
     if arguments.target is None and any(path.suffix != ".npz" for device in devices for path in device.sources):
         raise InputError("images need --target TARGET.yaml, which says what to look for")
-    finished = {device.name for device in devices if (output / device.name / RECORD).exists()}
-    if arguments.overwrite:
-        finished = set()
+    finished = set() if arguments.overwrite else {one.name for one in devices if is_finished(output / one.name)}
     jobs = [_job(device, arguments) for device in devices if device.name not in finished]
-    _say_other_options(finished, arguments)
+    _say_what_differs([device for device in devices if device.name in finished], arguments)
     print(f"{len(devices)} devices, {len(finished)} of them finished before", file=sys.stderr)
     if jobs:
         (output / "logs").mkdir(parents=True, exist_ok=True)
@@ -95,6 +98,9 @@ def _refuse_what_cannot_work(arguments: argparse.Namespace) -> None:
         raise InputError(f"--output {arguments.output} is not a folder")
     if arguments.target is not None:
         load_target(arguments.target)
+    topics_given(arguments.topic)
+    FrameChoice(arguments.max_views, arguments.every)
+    check_fit_arguments(arguments)
     if arguments.scheduler is not None:
         from fisheye_ep_calib.collection.cluster import check_scheduler
 
@@ -106,6 +112,7 @@ def _job(device: Device, arguments: argparse.Namespace) -> DeviceJob:
     own = argparse.Namespace(**vars(arguments))
     own.source = list(map(str, device.sources))
     own.output = arguments.output / device.name
+    own.overwrite = arguments.overwrite or (own.output / RECORD).exists()  # what is there is not finished
     own.workers = max(1, usable_cores() // arguments.jobs) if workers is None else workers
     own.split, own.json = None, False
     del own.devices, own.jobs, own.run, own.command
@@ -143,25 +150,40 @@ def _rows(devices: list[Device], failed: dict[str, str], output: Path) -> list[R
             rows += device_rows(device.name, folder)
         except InputError as error:
             rows.append(failed_row(device.name, str(error)))
-        if device.name in failed and rows[-1]["status"] == "done":
+        if device.name in failed and all(row["status"] == "done" for row in rows if row["device"] == device.name):
             rows.append(failed_row(device.name, failed[device.name]))
     mark_odd(rows)
     return rows
 
 
-def _say_other_options(finished: set[str], arguments: argparse.Namespace) -> None:
-    """What was finished with other options is compared all the same: say so."""
+def _say_what_differs(finished: list[Device], arguments: argparse.Namespace) -> None:
+    """What was finished with other options, another target or from another recording is compared all the same."""
     options = {name: value for name, value in vars(arguments).items() if name not in (*_NO_MATTER, "run", "command")}
     given = json.loads(json_text(options))
-    for name in sorted(finished):
+    target = None if arguments.target is None else load_target(arguments.target)
+    for device in finished:
+        folder = arguments.output / device.name
         try:
-            made = json.loads((arguments.output / name / RECORD).read_text("utf-8"))["options"]
-        except (OSError, ValueError, KeyError, TypeError):
+            made = json.loads((folder / RECORD).read_text("utf-8"))
+            other = [f"another --{key.replace('_', '-')}" for key, value in made["options"].items()
+                     if key in given and given[key] != value]  # fmt: skip
+            sources = {camera["inputs"]["source"] for camera in made["cameras"].values()}
+            seen = [load_observations(folder / "observations" / f"{name}.npz") for name in list(made["cameras"])[:1]]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
             continue
-        other = [key for key, value in made.items() if key in given and given[key] != value]
+        if target is not None and any(not _shows(one, target) for one in seen):
+            other.append("another --target")
+        if _resolved(", ".join(map(str, device.sources))) not in map(_resolved, sources):
+            other.append("another recording")
         if other:
-            print(
-                f"warning: {name} was calibrated before with another --{other[0].replace('_', '-')}; "
-                "--overwrite calibrates it again",
-                file=sys.stderr,
-            )
+            print(f"warning: {device.name} was calibrated before with {other[0]}; --overwrite calibrates it again",
+                  file=sys.stderr)  # fmt: skip
+
+
+def _shows(observations: Observations, target: Target) -> bool:
+    same = np.array_equal(observations.object_points, target.object_points)
+    return same and observations.disc_radius == target.disc_radius
+
+
+def _resolved(sources: str) -> list[Path]:
+    return [Path(source).resolve() for source in sources.split(", ")]

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     with looking(arguments, log) as place:
         refuse_existing([output / f"{name}.npz" for name in place.topics], arguments.overwrite)
         runs = place.collector.collect(tuple(place.topics.values()), place.choice)
-        refuse_interrupted(runs, log)
+        refuse_interrupted(runs)
         with results_folder(output) as folder:
             lines = [_write(place, name, runs[topic], arguments, folder) for name, topic in place.topics.items()]
     for line in filter(None, lines):

@@ -12,6 +12,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.sources.image_files import is_image_file, natural_order
 
 MAX_LIST_BYTES = 2**24
+OWN_NAMES = ("logs", "fleet.csv")
 BAG_SUFFIXES = (".mcap", ".db3", ".bag", ".zstd")
 
 
@@ -26,7 +27,7 @@ class Device:
 def find_devices(place: Path, output: Path) -> list[Device]:
     """The devices that a folder holds or a text file lists; ``output`` is none of them. Raises InputError."""
     if place.is_dir():
-        paths = [path for path in _entries(place) if path.absolute() != output.absolute()]
+        paths = [path for path in _entries(place) if path.resolve() != output.resolve()]
         if (place / "metadata.yaml").exists() or (not paths and any(map(is_image_file, place.iterdir()))):
             raise InputError(f"{place} is one recording, which 'calibrate' takes; a fleet is a folder of such folders")
         if not paths:
@@ -34,6 +35,9 @@ def find_devices(place: Path, output: Path) -> list[Device]:
     else:
         paths = _listed(place)
     names = _names(paths)
+    for name in names:
+        if name in OWN_NAMES:
+            raise InputError(f"a device cannot be called {name}: the fleet's results have that name; rename it")
     return [Device(name, tuple(_sources(path))) for name, path in zip(names, paths, strict=True)]
 
 
@@ -51,7 +55,7 @@ def _listed(path: Path) -> list[Path]:
     try:
         if path.stat().st_size > MAX_LIST_BYTES:
             raise InputError(f"{path} is too long for a list of paths")
-        lines = path.read_text("utf-8").splitlines()
+        lines = path.read_text("utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise InputError(f"{path} is no text; give a folder of devices, or a text file with a path a line") from None
     except OSError as error:

@@ -36,14 +36,27 @@ def device_rows(device: str, folder: Path) -> list[Row]:
     """A row a camera of a finished device. Raises InputError where its results cannot be read."""
     record = folder / RECORD
     try:
-        cameras = json.loads(record.read_text("utf-8"))["cameras"]
-        return [_row(device, name, content, folder) for name, content in cameras.items()]
+        content = json.loads(record.read_text("utf-8"))
+        rows = [_row(device, name, one, folder) for name, one in content["cameras"].items()]
+        failed = {name: str(reason) for name, reason in content.get("failed", {}).items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{record} cannot be read ({type(error).__name__}: {error})") from None
+    return rows + [failed_row(device, failed[name], name) for name in failed if name not in content["cameras"]]
 
 
-def failed_row(device: str, reason: str) -> Row:
-    return {"device": device, "camera": "", "status": "failed", "odd": "", "reason": reason}
+def is_finished(folder: Path) -> bool:
+    """Whether a device has results, and none of its cameras failed. What cannot be read is for a person to see."""
+    try:
+        content = json.loads((folder / RECORD).read_text("utf-8"))
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError):
+        return True
+    return not (isinstance(content, dict) and content.get("failed"))
+
+
+def failed_row(device: str, reason: str, camera: str = "") -> Row:
+    return {"device": device, "camera": camera, "status": "failed", "odd": "", "reason": reason}
 
 
 def _row(device: str, name: str, content: Mapping, folder: Path) -> Row:

@@ -13,6 +13,7 @@ import cv2
 import yaml
 
 from fisheye_ep_calib.collection.progress import progress_bar
+from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.commands.sources import safe_name
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.rectification import (
@@ -27,6 +28,7 @@ from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
 from fisheye_ep_calib.storage.camera_info_file import camera_info_content
 from fisheye_ep_calib.storage.recording import Frame, Recording, choose_topics, open_recording
+from fisheye_ep_calib.storage.results_folder import results_folder
 
 DESCRIPTION = (
     "Write the images of a recording as a camera with one viewpoint sees them. A fisheye has none: its pupil moves\n"
@@ -102,11 +104,11 @@ def run(arguments: argparse.Namespace) -> int:
         for problem in recording.problems:
             print(f"warning: {problem}", file=sys.stderr)
         frames = _frames(recording, arguments)
-        paths = _paths(frames, arguments.output)
-        _refuse_overwriting([*paths, arguments.output / CAMERA_INFO], arguments.overwrite)
-        written = _rectify(frames, paths, rectifier, arguments)
-    content = _description(rectifier, file, arguments)
-    atomic_write(arguments.output / CAMERA_INFO, content.encode())
+        names = _names(frames)
+        refuse_existing([arguments.output / name for name in (*names, CAMERA_INFO)], arguments.overwrite)
+        with results_folder(arguments.output) as folder:
+            written = _rectify(frames, [folder / name for name in names], rectifier, arguments)
+            atomic_write(folder / CAMERA_INFO, _description(rectifier, file, arguments).encode())
     count = f"{written} image{'s' if written != 1 else ''}"
     print(f"wrote {count}, {view.size[0]}×{view.size[1]}, and {CAMERA_INFO} to {arguments.output}")
     return 0
@@ -117,9 +119,9 @@ def _frames(recording: Recording, arguments: argparse.Namespace) -> list[Frame]:
     return [recording.frame(topic, index) for index in range(0, recording.count(topic), arguments.every)]
 
 
-def _paths(frames: Sequence[Frame], folder: Path) -> list[Path]:
-    """A file for each frame, called as it is; where two are called the same, the later ones are numbered."""
-    paths, taken = [], set()
+def _names(frames: Sequence[Frame]) -> list[str]:
+    """A file name for each frame, called as it is; where two are called the same, the later ones are numbered."""
+    names, taken = [], set()
     for frame in frames:
         name = frame.name if re.fullmatch(r"\d+\.\d+", frame.name) else Path(frame.name).stem
         stem = name = safe_name(name)
@@ -128,14 +130,8 @@ def _paths(frames: Sequence[Frame], folder: Path) -> list[Path]:
             number += 1
             name = f"{stem}_{number}"
         taken.add(name.lower())
-        paths.append(folder / f"{name}.png")
-    return paths
-
-
-def _refuse_overwriting(paths: Sequence[Path], overwrite: bool) -> None:
-    for path in paths:
-        if path.exists() and not overwrite:
-            raise InputError(f"{path} is there already; give another --output, or --overwrite")
+        names.append(f"{name}.png")
+    return names
 
 
 def _rectify(frames: Sequence[Frame], paths: Sequence[Path], rectifier: Rectifier, arguments) -> int:

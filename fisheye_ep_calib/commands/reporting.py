@@ -11,7 +11,7 @@ from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.calibration.evaluation import Evaluation
 from fisheye_ep_calib.commands.sources import CameraSource
 from fisheye_ep_calib.commands.summary import verdict
-from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
 from fisheye_ep_calib.report.data import CameraReport
 from fisheye_ep_calib.report.pictures import BUDGET
 from fisheye_ep_calib.report.record import now, per_view, versions, write_record
@@ -37,6 +37,7 @@ class CalibrationReports:
         self._folder, self._cameras, self._arguments = folder, cameras, arguments
         self._pages: list[CameraReport] = []
         self._records: dict[str, dict] = {}
+        self._failed: dict[str, str] = {}
 
     def __enter__(self) -> CalibrationReports:
         return self
@@ -62,10 +63,14 @@ class CalibrationReports:
         )
         self._pages.append(page)
 
+    def add_failure(self, name: str, reason: str) -> None:
+        self._failed[name] = reason
+
     def __exit__(self, kind, error, _) -> None:
-        if not self._records or (error is not None and not isinstance(error, CalibrationError)):
+        unfinished = error is not None and (isinstance(error, Interrupted) or not isinstance(error, CalibrationError))
+        if not self._records or unfinished:
             return
-        write_record(self._folder / RECORD, self._records, _options(self._arguments))
+        write_record(self._folder / RECORD, self._records, self._failed, _options(self._arguments))
         if self._arguments.no_report:
             return
         from fisheye_ep_calib.report.html import write_report

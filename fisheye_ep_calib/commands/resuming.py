@@ -32,9 +32,9 @@ def log_of(output: Path, resume: bool) -> Log:
     return Log(beside(output, "detections.jsonl"), resume)
 
 
-def refuse_interrupted(runs: Mapping[str, DetectionRun], log: Log | None) -> None:
-    """End an interrupted run whose findings are kept; one without a log makes do with what it has."""
-    if log is not None and any(run.interrupted for run in runs.values()):
+def refuse_interrupted(runs: Mapping[str, DetectionRun]) -> None:
+    """End an interrupted run; what it has found is in the log, where there is one."""
+    if any(run.interrupted for run in runs.values()):
         raise Interrupted("interrupted")
 
 
@@ -61,4 +61,4 @@ def _kept(collector: Collector) -> str:
     if log.images == 0:
         collector.forget()
         return ""
-    return f"; what {log.images} images showed is kept in {log.path}: the same command with --resume goes on from there"
+    return f"; what {log.images} images showed is kept in {log.path}: --resume goes on from there"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.commands.rig_sources import Seen, what_cameras_saw
 from fisheye_ep_calib.commands.sources import safe_name
 from fisheye_ep_calib.errors import CalibrationError, InputError
@@ -75,10 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--tolerance must not be negative")
     if arguments.max_moments < 2:
         raise InputError("--max-moments must be at least 2")
-    for name in (RIG, CAMCHAIN):
-        if (arguments.output / name).exists() and not arguments.overwrite:
-            raise InputError(f"{arguments.output / name} is there already; give another --output, or --overwrite")
     paths = _cameras(arguments.camera)
+    names = (RIG, CAMCHAIN, *(f"{OBSERVATIONS}/{name}.npz" for name in paths))
+    refuse_existing([arguments.output / name for name in names], arguments.overwrite)
     files = {name: read_camera_file(path) for name, path in paths.items()}
     seen = what_cameras_saw(list(files), arguments)
     for name, one in seen.items():

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from fisheye_ep_calib.collection.progress import progress_bar
+from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.simulation import (
     Imaging,
@@ -38,6 +39,7 @@ BUILT_IN: dict[str, Callable[[], SceneCamera]] = {"paper": paper_camera, "laikin
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", required=True, type=Path, metavar="BAG.mcap", help="the bag to write")
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier bag and truth")
     parser.add_argument(
         "--camera",
         action="append",
@@ -80,11 +82,12 @@ def run(arguments: argparse.Namespace) -> int:
         name, camera = _camera(text)
         if any(other.name == name for other in rig):
             raise InputError(f"--camera: two cameras are called {name}")
+        truth_file = None if arguments.truth is None else arguments.truth / f"{name}.npz"
+        refuse_existing([arguments.output, truth_file], arguments.overwrite)
         views = _views(arguments, camera, target, arguments.seed + number)
         rig.append(SimulatedCamera(name, views))
-        if arguments.truth is not None:
-            truth = observe(camera, target, np.stack([view.pose for view in views]))
-            save_observations(arguments.truth / f"{name}.npz", truth)
+        if truth_file is not None:
+            save_observations(truth_file, observe(camera, target, np.stack([view.pose for view in views])))
     total = sum(len(camera.views) for camera in rig)
     images = simulate_rig(rig, arguments.rate, time.time_ns(), arguments.compression)
     # disable=None: a bar only where stderr is a terminal.

@@ -107,6 +107,9 @@ def looking(arguments: argparse.Namespace, log: Log | None = None) -> Iterator[L
         for problem in recording.problems:
             print(f"warning: {problem}", file=sys.stderr)
         topics = _named_topics(recording, arguments.topic)
+        for topic in topics.values():
+            if len(folders := recording.folders(topic)) > 1:
+                print(f"note: {', '.join(map(str, folders))} are taken for one camera, {topic}", file=sys.stderr)
         workers = usable_cores() if arguments.workers is None else arguments.workers
         choice = FrameChoice(arguments.max_views, 1 if arguments.all else arguments.every)
         with Collector(
@@ -138,8 +141,9 @@ def camera_sources(
     if files and len(files) < len(paths):
         raise InputError("give observation files or recordings, not both at once")
     if files:
-        if arguments.topic:
-            raise InputError("--topic names images in recordings; an observation file has none")
+        for option in ("topic", "every", "all"):
+            if getattr(arguments, option):
+                raise InputError(f"--{option} is for images in recordings; an observation file has none")
         cameras = _differently_named([_from_file(path, arguments.split) for path in files])
         before_looking([camera.name for camera in cameras])
         yield cameras, None
@@ -150,7 +154,7 @@ def camera_sources(
     with looking(arguments, log) as place:
         before_looking(list(place.topics))
         runs = place.collector.collect(tuple(place.topics.values()), place.choice)
-        refuse_interrupted(runs, log)
+        refuse_interrupted(runs)
         cameras = [
             _with_images(from_run(name, runs[topic], place.target, source), place.recording)
             for name, topic in place.topics.items()
@@ -159,7 +163,7 @@ def camera_sources(
 
         def look_again(guides):
             refined = place.collector.refine(guides)
-            refuse_interrupted(refined, log)
+            refuse_interrupted(refined)
             return {
                 name: _with_images(from_run(name, refined[topic], place.target, source), place.recording)
                 for name, topic in place.topics.items()
@@ -216,7 +220,14 @@ def from_run(name: str, run: DetectionRun, target: Target, source: str) -> Camer
 
 def _named_topics(recording: Recording, given: list[str]) -> dict[str, str]:
     """Camera name → topic, from NAME=TOPIC or TOPIC arguments, or the only image topic."""
-    named = {}
+    named = topics_given(given)
+    topics = choose_topics(recording, tuple(named.values()))
+    return named or {camera_name(topics[0]): topics[0]}
+
+
+def topics_given(given: list[str]) -> dict[str, str]:
+    """Camera name → topic, from NAME=TOPIC or TOPIC arguments. Raises InputError."""
+    named: dict[str, str] = {}
     for text in given:
         name, equals, topic = text.rpartition("=")
         name = name if equals else camera_name(topic)
@@ -225,8 +236,7 @@ def _named_topics(recording: Recording, given: list[str]) -> dict[str, str]:
         if name in named:
             raise InputError(f"--topic {text}: there are two cameras called {name}")
         named[name] = topic
-    topics = choose_topics(recording, tuple(named.values()))
-    return named or {camera_name(topics[0]): topics[0]}
+    return named
 
 
 def camera_name(topic: str) -> str:

@@ -46,14 +46,15 @@ def per_view(views: tuple[View, ...]) -> list[dict]:
     ]
 
 
-def write_record(path: str | PathLike, cameras: dict[str, dict], options: dict) -> None:
-    """cameras: name → content. options: of the command. Written whole or not at all."""
+def write_record(path: str | PathLike, cameras: dict[str, dict], failed: dict[str, str], options: dict) -> None:
+    """cameras: name → content. failed: name → why. options: of the command. Written whole or not at all."""
     content = {
         "schema": SCHEMA,
         "date": now(),
         "versions": versions(),
         "options": options,
         "cameras": cameras,
+        "failed": failed,
     }
     text = json.dumps(plain(content), ensure_ascii=False, indent=1, allow_nan=False)
     atomic_write(path, (text + "\n").encode(errors="backslashreplace"))

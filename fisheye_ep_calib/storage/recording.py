@@ -13,8 +13,9 @@ import numpy as np
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.pictures import Picture
-from fisheye_ep_calib.storage.sources.base import Entry, Source
+from fisheye_ep_calib.storage.sources.base import IMAGE_TYPES, Entry, Source
 from fisheye_ep_calib.storage.sources.find import find_sources
+from fisheye_ep_calib.storage.sources.image_files import IMAGE_FILE
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,17 @@ class Recording:
         """What tells each image of a topic from others, unread: its time, or an image file's path."""
         return [source.identity(entry) for source, entry in self._frames.get(topic, ())]
 
+    def fingerprint(self, topic: str, index: int) -> str:
+        """Tells the image of that number from one that takes its place later, unread."""
+        source, entry = self._frames[topic][index]
+        return source.fingerprint(entry)
+
+    def folders(self, topic: str) -> list[Path]:
+        """The folders that hold a topic's image files; none for a bag's topic."""
+        if self.topics.get(topic) != IMAGE_FILE:
+            return []
+        return list(dict.fromkeys(source.path for source, _ in self._frames.get(topic, ())))
+
     def files(self) -> list[Path]:
         """The files and folders that the images are read from, absolute."""
         return [source.path.absolute() for source in self._sources]
@@ -164,6 +176,8 @@ def choose_topics(recording: Recording, wanted: Sequence[str] = ()) -> tuple[str
         if name not in {topic.name for topic in topics}:
             kind = recording.topics.get(name)
             said = f"topic {name} is of type {kind}" if kind else f"there is no topic {name}"
+            if kind in (*IMAGE_TYPES, IMAGE_FILE):
+                said = f"topic {name} holds no images"
             raise InputError(f"{said}; image topics: {listed}")
     return tuple(wanted)
 

@@ -89,3 +89,11 @@ def test_a_point_lies_ahead_on_its_ray_or_there_is_none():
     assert (ahead[seen] > 0).all()
     inside = np.abs(origins[:, 2]) < distance
     assert seen[inside].all() and 0 < seen[~inside].sum() < (~inside).sum()
+
+
+def test_a_strong_pupil_does_not_differ_from_itself_at_any_distance():
+    camera = replace(CAMERA, coefficients=(-10e-3, -3e-3))
+    for distance in (0.005, 0.02, 0.05, 0.1):
+        found = camera_difference(camera, camera, (distance,))
+        assert not (found.length_px > 1e-6).any()
+    assert np.isfinite(found.length_px).any()

@@ -204,7 +204,7 @@ def test_a_fit_that_did_not_converge_says_so(observations, monkeypatch) -> None:
         ("ep_even_target_axis", {}, "unknown model 'ep_even_target_axis'"),
         ("ep_even", {"loss": "Huber"}, "unknown loss 'Huber'; known: cut, huber"),
         ("ep_even", {"disc_centers": "centre"}, "unknown disc_centers 'centre'"),
-        ("ep_even", {"svp_distance": -1.0}, "must be positive, not -1 m"),
+        ("ep_even", {"svp_distance": -1.0}, "svp-distance must be positive, not -1 m"),
         ("ep_even", {"svp_distance": np.nan}, "must be positive"),
         ("ep_even", {"terms": 9}, "takes 1 to 4 terms"),
     ],

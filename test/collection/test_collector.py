@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,12 @@ import pytest
 from bag_writers import START_NS, messages, write_folder, write_mcap
 from numbered_target import ABSENT, CRASHES, INTERRUPTS, KILLS, SLOW, TARGET, picture
 
-from fisheye_ep_calib.collection import Collector, FrameChoice
+from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
 from fisheye_ep_calib.collection.collector import Guide
+from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.recording import open_recording
+from fisheye_ep_calib.target.detection import Detection
 
 LEFT, RIGHT = "/left/image_raw", "/right/image_raw"
 
@@ -90,10 +93,19 @@ def test_an_image_that_kills_its_worker_costs_only_itself(tmp_path):
     assert run.unused == {"frame5.png": "a worker process died on it"}
 
 
-def test_images_of_different_sizes_are_refused(tmp_path):
-    folder = write_folder(tmp_path / "front", [picture(), picture(), picture(shape=(48, 64))])
+def test_images_of_different_sizes_cost_their_camera_and_no_other(tmp_path):
+    write_folder(tmp_path / "rig" / "front", [picture(), picture(), picture(shape=(48, 64))])
+    write_folder(tmp_path / "rig" / "rear", [picture()] * 3)
+    runs = collect(tmp_path / "rig", ["front", "rear"])
     with pytest.raises(InputError, match="frame0.png is 80×60, frame2.png is 64×48"):
-        collect(folder, ["front"])
+        runs["front"].observations(TARGET.object_points)
+    assert runs["rear"].observations(TARGET.object_points).view_count == 3
+
+
+def test_namesakes_that_are_no_views_are_all_told():
+    absent = FrameResult("c", 0, 5, "0.5", (80, 60), Detection(reason="nothing"))
+    run = DetectionRun("c", 3, tuple(replace(absent, index=i) for i in range(3)))
+    assert run.unused == {"0.5": "nothing", "0.5 (2)": "nothing", "0.5 (3)": "nothing"}
 
 
 def test_where_nothing_is_found_one_line_says_why(tmp_path):

@@ -1,7 +1,9 @@
 """An interrupted run goes on where it stopped, and ends with what an uninterrupted one gives."""
 
+import os
+
 import pytest
-from bag_writers import write_folder
+from bag_writers import messages, write_folder, write_mcap
 from numbered_target import ABSENT, INTERRUPTS, TARGET, picture
 
 from fisheye_ep_calib.collection import Collector
@@ -17,6 +19,13 @@ def collect(folder, target=TARGET, **options):
         return collector.collect(["front"])["front"]
 
 
+def unreadable_but_alike(path):
+    """What must not be read again."""
+    found = path.stat()
+    path.write_bytes(bytes(found.st_size))
+    os.utime(path, ns=(found.st_atime_ns, found.st_mtime_ns))
+
+
 def test_a_resumed_run_looks_only_at_what_is_left_and_gives_the_same(tmp_path):
     folder = write_folder(tmp_path / "front", PICTURES)
     whole = collect(folder)
@@ -29,7 +38,7 @@ def test_a_resumed_run_looks_only_at_what_is_left_and_gives_the_same(tmp_path):
 
     (tmp_path / "aside.png").replace(folder / "frame7.png")
     for number in range(7):
-        (folder / f"frame{number}.png").write_bytes(b"must not be read again")
+        unreadable_but_alike(folder / f"frame{number}.png")
     resumed = collect(folder, log=log, resume=True)
     assert not resumed.interrupted and resumed.unused == whole.unused
     one, other = (run.observations(TARGET.object_points) for run in (resumed, whole))
@@ -52,9 +61,13 @@ def test_a_log_of_something_else_is_refused(tmp_path):
     folder = write_folder(tmp_path / "front", PICTURES)
     log = tmp_path / "detections.jsonl"
     collect(folder, log=log)
-    other = type(TARGET)("other", rectangular_grid(4, 3, 2.0, 1.0), None)
-    with pytest.raises(InputError, match="another recording or target; run without --resume"):
-        collect(folder, target=other, log=log, resume=True)
+    for other in (
+        type(TARGET)("other", rectangular_grid(4, 3, 2.0, 1.0), None),
+        type(TARGET)("other", TARGET.object_points, 0.1),
+    ):
+        with pytest.raises(InputError, match="another recording or target; run without --resume"):
+            collect(folder, target=other, log=log, resume=True)
+    assert collect(folder, target=type(TARGET)("same", TARGET.object_points, None), log=log, resume=True)
     (folder / "frame3.png").unlink()
     with pytest.raises(InputError, match="another recording"):
         collect(folder, log=log, resume=True)
@@ -104,3 +117,28 @@ def test_images_of_another_folder_are_not_taken_for_these(tmp_path):
     collect(write_folder(tmp_path / "a" / "front", PICTURES), log=log)
     with pytest.raises(InputError, match="another recording"):
         collect(write_folder(tmp_path / "b" / "front", PICTURES), log=log, resume=True)
+
+
+def test_an_image_that_another_has_replaced_is_looked_at_again(tmp_path):
+    folder = write_folder(tmp_path / "front", PICTURES)
+    log = tmp_path / "detections.jsonl"
+    assert "frame4.png" not in collect(folder, log=log).unused
+    (folder / "frame0.png").replace(folder / "frame4.png")
+    write_folder(tmp_path / "new", [picture(ABSENT)])
+    (tmp_path / "new" / "frame0.png").replace(folder / "frame0.png")
+    assert "frame4.png" in collect(folder, log=log, resume=True).unused
+
+
+def test_another_bag_with_the_same_times_is_not_resumed(tmp_path):
+    log = tmp_path / "detections.jsonl"
+    runs = []
+    for shift in (0, 5):
+        bag = tmp_path / f"bag{shift}.mcap"
+        write_mcap(bag, messages([picture(x=i + shift) for i in range(6)]))
+        os.replace(bag, tmp_path / "bag.mcap")
+        with open_recording(tmp_path / "bag.mcap") as recording:
+            (topic,) = (one.name for one in recording.image_topics())
+            with Collector(recording, TARGET, log=log, resume=shift > 0) as collector:
+                runs.append(collector.collect([topic])[topic].observations(TARGET.object_points))
+    assert runs[0].image_names == runs[1].image_names
+    assert (runs[1].pixels - runs[0].pixels == [5, 0]).all()

@@ -24,6 +24,7 @@ from fisheye_ep_calib.commands.fleet_table import FEWEST, mark_odd, robust_z, th
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.observation_file import save_observations
 
+BOARD_FILE = Path(fisheye_ep_calib.__file__).parents[1] / "config" / "targets" / "circle_grid_11x7.yaml"
 OPTIONS = ("--model", "ep_even", "--no-report", "--no-skew")
 
 
@@ -212,3 +213,35 @@ def test_a_poorly_known_device_is_not_odd_and_cameras_are_compared_by_name():
     alike = [row(str(n), "a", 500.0, sigma=0.0) for n in range(5)]
     mark_odd(alike)
     assert not [one for one in alike if one["odd"]]
+
+
+def test_a_device_of_which_a_camera_failed_is_not_finished(command, tmp_path):
+    for name, views in (("front", 14), ("rear", 2)):
+        save_observations(tmp_path / "fleet" / "unit0" / f"{name}.npz", device(0).select_images(range(views)))
+    for _ in range(2):
+        ended = command("calibrate-fleet", "fleet", "--output", "out", *OPTIONS)
+        assert ended.code == 1 and "0 of them finished before" in ended.err, ended.err
+        with open(tmp_path / "out" / "fleet.csv", encoding="utf-8", newline="") as file:
+            rows = {row["camera"]: row for row in csv.DictReader(file)}
+        assert rows["front"]["status"] == "done" and rows["rear"]["status"] == "failed"
+        assert "2 views have" in rows["rear"]["reason"] and len(rows) == 2
+    save_observations(tmp_path / "fleet" / "unit0" / "rear.npz", device(0))
+    assert command("calibrate-fleet", "fleet", "--output", "out", *OPTIONS).code == 0
+
+
+def test_what_was_finished_from_another_recording_is_named(command, fleet, tmp_path):
+    for place in ("one", "two"):
+        (tmp_path / place).mkdir()
+        shutil.copy(fleet / "unit0.npz", tmp_path / place)
+    assert command("calibrate-fleet", "one", "--output", "out", *OPTIONS).code == 0
+    assert "warning" not in command("calibrate-fleet", "one", "--output", "out", *OPTIONS).err
+    ended = command("calibrate-fleet", "two", "--output", "out", *OPTIONS)
+    assert ended.code == 0 and "unit0 was calibrated before with another recording; --overwrite" in ended.err
+    ended = command("calibrate-fleet", "one", "--output", "out", *OPTIONS, "--target", BOARD_FILE)
+    assert ended.code == 0 and "unit0 was calibrated before with another --target; --overwrite" in ended.err
+
+
+@pytest.mark.parametrize("option", [("--terms", 0), ("--max-views", 0), ("--svp-distance", -1), ("--topic", "../x=/y")])
+def test_a_fleet_refuses_once_what_no_device_can_do(command, fleet, tmp_path, option):
+    command("calibrate-fleet", fleet, "--output", "out", *option).refused(2)
+    assert not (tmp_path / "out").exists()

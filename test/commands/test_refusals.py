@@ -34,9 +34,9 @@ def test_sources_that_are_not_there(command, tmp_path) -> None:
         2, "empty holds neither a bag", "nor images"
     )
     command("calibrate", "empty").refused(2, "images need --target TARGET.yaml")
-    command("evaluate", "no.yaml", "no.npz").refused(2, "cannot read no.yaml")
-    command("show", "no.yaml").refused(2, "cannot read no.yaml: No such file")
-    command("show", "empty").refused(2, "cannot read empty: Is a directory")
+    command("evaluate", "no.yaml", "no.npz").refused(2, "cannot read camera file no.yaml")
+    command("show", "no.yaml").refused(2, "cannot read camera file no.yaml: No such file")
+    command("show", "empty").refused(2, "cannot read camera file empty: Is a directory")
     command("calibrate").refused(2, "SOURCE", "--help")
     command("colibrate").refused(2, "invalid choice: 'colibrate'")
     command().refused(2, "COMMAND")
@@ -293,8 +293,8 @@ def test_evaluate_refuses_what_the_camera_does_not_fit(command, camera_file, obs
         (["--model", "ep_odd", "--terms", "9"], ["ep_odd takes 1 to 4 terms, not 9"]),
         (["--terms", "many"], ["--terms", "many"]),
         (["--lens", "pinhole"], ["invalid choice: 'pinhole'"]),
-        (["--svp-distance", "0"], ["--svp-distance must be positive"]),
-        (["--svp-distance", "nan"], ["--svp-distance must be positive"]),
+        (["--svp-distance", "0"], ["--svp-distance must be positive, not"]),
+        (["--svp-distance", "nan"], ["--svp-distance must be positive, not"]),
         (["--split", "validation"], ["marks no image as validation"]),
         (["--topic", "front=/image"], ["--topic", "observation file"]),
         (["--output", "file"], ["--output", "file is not a folder"]),

@@ -71,6 +71,42 @@ def test_an_interrupted_calibration_goes_on_where_it_stopped(command, words, loo
         assert one.read_bytes() == other.read_bytes()
 
 
+def test_an_interruption_of_the_second_pass_ends_it_all(command, words, looked, tmp_path):
+    twice = (*words, "--passes", 2)
+    assert command(*twice, "--output", "whole").code == 0
+    looked.clear()
+    looked.stop = 28
+    ended = command(*twice, "--output", "out")
+    assert ended.code == 130 and "what 24 images showed is kept" in ended.err.splitlines()[-1]
+    assert not (tmp_path / "out").exists()
+    looked.stop = None
+    assert command(*twice, "--output", "out", "--resume").code == 0
+    assert names(tmp_path / "out") == WHOLE and not list(tmp_path.glob(".*"))
+
+
+def test_an_interrupted_evaluation_has_no_figures(command, words, looked, observation_file, tmp_path):
+    assert command("calibrate", observation_file, "--output", "out", "--no-report").code == 0
+    looked.stop = 3
+    topic = ("--topic", "/left/image_raw", "--workers", 1)
+    command("evaluate", "out/front.yaml", *words[1:4], *topic, "--json").refused(130, "interrupted")
+
+
+@pytest.mark.parametrize("option", [("--model", "auto", "--terms", 0), ("--svp-distance", -1), ("--max-views", 0)])
+def test_options_that_cannot_be_met_are_refused_before_images_are_looked_at(command, words, looked, option):
+    command(*words, *option).refused(2)
+    assert not looked
+
+
+def test_results_are_written_though_nobody_reads_the_words(observation_file, tmp_path):
+    program = "import sys; from fisheye_ep_calib.cli import main; sys.exit(main(sys.argv[1:]))"
+    words = [sys.executable, "-c", program, "calibrate", observation_file, "--model", "kannala", "--output", "out"]
+    ended = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    ended.stdout.close()
+    _, said = ended.communicate(timeout=120)
+    assert ended.returncode == 0 and not said, said
+    assert {"front.yaml", "calibration.json", "report.html"} <= names(tmp_path / "out")
+
+
 def test_an_interruption_before_anything_was_seen_leaves_nothing(command, words, looked, tmp_path):
     looked.stop = 0
     command(*words).refused(130, "interrupted")
@@ -111,9 +147,9 @@ def test_a_camera_that_fails_beside_others_keeps_its_observations(command, words
     assert names(tmp_path / "out") == WHOLE - {"rear.yaml"} and not list(tmp_path.glob(".*"))
 
 
-@pytest.mark.parametrize("name", ["front.yaml", "calibration.json"])
+@pytest.mark.parametrize("name", ["front.yaml", "calibration.json", "observations/front.npz"])
 def test_a_folder_that_is_taken_is_refused_before_images_are_looked_at(command, words, looked, tmp_path, name):
-    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "observations").mkdir(parents=True)
     (tmp_path / "out" / name).write_text("mine")
     command(*words, "--output", "out").refused(2, f"out/{name} is there already", "--overwrite")
     assert not looked and names(tmp_path) == {f"out/{name}"} and (tmp_path / "out" / name).read_text() == "mine"
@@ -169,7 +205,7 @@ def test_a_cluster_gives_the_same_files(command, words, tmp_path):
         assert one.read_bytes() == other.read_bytes()
     options = json.loads((tmp_path / "there" / "calibration.json").read_text())["options"]
     assert options["scheduler"] == address
-    command(*words, "--scheduler", "nonsense").refused(2, "no Dask scheduler answers at nonsense", "--scheduler")
+    command(*words, "--scheduler", "nonsense").refused(2, "--scheduler 'nonsense' is no address such as tcp://HOST:PORT")
 
 
 def test_a_termination_ends_like_an_interruption():
@@ -186,3 +222,20 @@ def test_a_termination_ends_like_an_interruption():
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130
     assert "interrupted" in said and "Traceback" not in said
+
+
+def test_part_of_an_observation_file_does_not_replace_it(command, observation_file, tmp_path):
+    (tmp_path / "observations").mkdir()
+    own = tmp_path / "observations" / "front.npz"
+    own.write_bytes(observation_file.read_bytes())
+    words = ("calibrate", "observations/front.npz", "--split", "train", "--no-report", "--output", ".")
+    command(*words).refused(2, "observations/front.npz is there already")
+    command(*words, "--overwrite").refused(2, "--split train would lose its source's other images")
+    assert own.read_bytes() == observation_file.read_bytes()
+
+
+def test_what_an_earlier_calibration_left_is_named(command, words, tmp_path):
+    assert command(*words, "--output", "out").code == 0
+    again = command(*words[:4], "--topic", "front=/left/image_raw", *OPTIONS, "--output", "out", "--overwrite")
+    assert again.code == 0 and "note: out/rear.yaml is of an earlier calibration" in again.err
+    assert "front.yaml is of" not in again.err

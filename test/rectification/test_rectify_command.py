@@ -84,7 +84,9 @@ def test_damaged_images_are_told_and_passed_over(camera_file, folder, tmp_path, 
     captured = capsys.readouterr()
     assert "wrote 1 image," in captured.out
     assert "b.png: " in captured.err and "c.png: the image is 10×10, the camera 2048×2048" in captured.err
+    before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
     assert main([*arguments, "--overwrite", "--strict"]) == 2
+    assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
     (folder / "a.png").unlink()
     assert main([*arguments, "--overwrite"]) == 2
     assert "none of 2 images could be rectified" in capsys.readouterr().err
@@ -93,11 +95,10 @@ def test_damaged_images_are_told_and_passed_over(camera_file, folder, tmp_path, 
 def test_names_that_collide_or_leave_the_folder(camera_file, image, tmp_path) -> None:
     from types import SimpleNamespace
 
-    from fisheye_ep_calib.commands.rectify import _paths
+    from fisheye_ep_calib.commands.rectify import _names
 
     frames = [SimpleNamespace(name=name) for name in ("a.png", "a.jpg", "A.bmp", "../../x.png", "...", "12.000000034")]
-    names = [path.relative_to(tmp_path).as_posix() for path in _paths(frames, tmp_path)]
-    assert names == ["a.png", "a_2.png", "A_3.png", "x.png", "camera.png", "12.000000034.png"]
+    assert _names(frames) == ["a.png", "a_2.png", "A_3.png", "x.png", "camera.png", "12.000000034.png"]
 
 
 @pytest.mark.parametrize(

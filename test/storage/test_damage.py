@@ -113,6 +113,10 @@ def test_a_damaged_part_of_a_split_recording_does_not_cost_the_others(tmp_path):
         said = "\n".join(recording.problems)
     assert "bag_3.mcap listed in metadata.yaml but not there" in said
     assert "bag_1.mcap is not an MCAP file" in said
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
+    with open_recording(folder) as recording:
+        assert recording.count(TOPIC) == 8
+        assert any("whether files of the bag are missing cannot be told" in problem for problem in recording.problems)
 
 
 def test_a_flipped_pixel_of_a_checked_chunk_is_noticed(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -19,6 +20,7 @@ COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
 
 MAX_MESSAGE_BYTES = 2**30
+_END_BYTES = 2**16
 
 
 class Entry(NamedTuple):
@@ -42,6 +44,7 @@ class Source:
         self.entries: dict[str, list[Entry]] = {}
         self.problems: list[str] = []
         self._file: Any = None
+        self._fingerprint: str | None = None
 
     @classmethod
     def open(cls, path: Path) -> Source:
@@ -82,6 +85,18 @@ class Source:
     def name(self, entry: Entry) -> str:
         """What to call the image: its time, as ROS prints it."""
         return f"{entry.stamp_ns // 10**9}.{entry.stamp_ns % 10**9:09d}"
+
+    def fingerprint(self, entry: Entry) -> str:
+        """Tells an image from what takes its place later, unread: of a bag its size and a digest of its two ends."""
+        if self._fingerprint is None:
+            size = self.path.stat().st_size
+            digest = hashlib.sha256()
+            with open(self.path, "rb") as file:
+                for start in (0, max(0, size - _END_BYTES)):
+                    file.seek(start)
+                    digest.update(file.read(_END_BYTES))
+            self._fingerprint = f"{size} {digest.hexdigest()[:16]}"
+        return self._fingerprint
 
     def identity(self, entry: Entry) -> str:
         """Tells the image from any other, wherever its recording is moved to, as far as it can be told unread."""

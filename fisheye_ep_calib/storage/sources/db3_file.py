@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import struct
 from pathlib import Path
@@ -74,7 +75,9 @@ class Db3File(BagSource):
     def _connection(self) -> sqlite3.Connection:
         if self._file is None:
             journal = Path(f"{self.path}-wal")
-            pending = journal.exists() and journal.stat().st_size > 0
+            # SQLite reads a journal only where it may write beside it.
+            writable = os.access(self.path.absolute().parent, os.W_OK)
+            pending = writable and journal.exists() and journal.stat().st_size > 0
             # Immutable: nothing is created beside the user's file. Not where the recorder left its journal.
             options = "mode=ro" if pending else "mode=ro&immutable=1"
             uri = f"file:{quote(str(self.path.absolute()))}?{options}"

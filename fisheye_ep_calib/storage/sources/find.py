@@ -109,7 +109,8 @@ def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list
 
 def _sources_of_bag_folder(folder: Path, bags: list[Path], scratch: Path, problems: list[str]) -> list[Source]:
     """The files of a rosbag2 folder, or ROS 1 bags side by side; an unreadable one spares the others."""
-    missing = [name for name in _files_listed(folder) if not (folder / name).exists()]
+    damage: list[str] = []
+    missing = [name for name in _files_listed(folder, damage) if not (folder / name).exists()]
     if missing:
         problems.append(f"{folder}: {', '.join(missing)} listed in metadata.yaml but not there")
     sources: list[Source] = []
@@ -121,20 +122,23 @@ def _sources_of_bag_folder(folder: Path, bags: list[Path], scratch: Path, proble
             failures.append(str(error))
     if not sources:
         raise InputError((failures + problems + [f"{folder} holds no bag file"])[0])
-    problems += failures
+    problems += failures + damage
     return sources
 
 
-def _files_listed(folder: Path) -> list[str]:
-    """The storage files that metadata.yaml names; none where it is absent or damaged: it is not needed."""
+def _files_listed(folder: Path, problems: list[str]) -> list[str]:
+    """The storage files that metadata.yaml names; none where it is absent or damaged: only lost files need it."""
     path = folder / "metadata.yaml"
+    if not path.exists():
+        return []
     try:
         if path.stat().st_size > MAX_METADATA_BYTES:
-            return []
+            raise ValueError
         metadata = yaml.safe_load(path.read_text(errors="replace"))
         names = metadata["rosbag2_bagfile_information"]["relative_file_paths"]
         return [Path(name).name for name in names]
     except (OSError, yaml.YAMLError, RecursionError, KeyError, TypeError, ValueError):
+        problems.append(f"{path} is damaged: whether files of the bag are missing cannot be told")
         return []
 
 

@@ -33,6 +33,13 @@ class ImageFiles(Source):
     def identity(self, entry: Entry) -> str:
         return str(self.files[entry.location[0]].absolute())  # files carry no time
 
+    def fingerprint(self, entry: Entry) -> str:
+        try:
+            found = self.files[entry.location[0]].stat()
+        except OSError:
+            return ""
+        return f"{found.st_size} {found.st_mtime_ns}"
+
     def __getstate__(self) -> dict:
         return {**super().__getstate__(), "files": [file.absolute() for file in self.files]}
 
