@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
-from fisheye_ep_calib.calibration.levenberg_marquardt import CONVERGED, minimise
+from fisheye_ep_calib.calibration.levenberg_marquardt import CONVERGED, MOST_ITERATIONS, minimise
 from fisheye_ep_calib.calibration.normal_equations import NormalEquations
 from fisheye_ep_calib.calibration.prediction import FeatureModel, predict
 from fisheye_ep_calib.calibration.robust import LINEAR, Loss
@@ -139,7 +139,7 @@ def stepped(problem: AdjustmentProblem, state: AdjustmentState, step) -> Adjustm
 def adjust(
     problem: AdjustmentProblem,
     state: AdjustmentState,
-    max_iterations: int = 100,
+    max_iterations: int = MOST_ITERATIONS,
     tolerance: float = CONVERGED,
 ) -> Adjustment:
     """Minimise the cost from a state on (levenberg_marquardt.py)."""

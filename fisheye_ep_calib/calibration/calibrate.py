@@ -11,6 +11,7 @@ from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, prepare,
 from fisheye_ep_calib.calibration.model_selection import Candidate, Search, candidate, choose, supported
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.outliers import Screening, huber_fit, screen
+from fisheye_ep_calib.calibration.pose_repair import repaired
 from fisheye_ep_calib.calibration.result import CalibrationResult, Comparison
 from fisheye_ep_calib.calibration.stand_in import single_viewpoint
 from fisheye_ep_calib.calibration.structure import Structure
@@ -22,6 +23,7 @@ AUTO = "auto"
 PRINTED_FORM = "ep_odd_target_axis"
 DISC_CENTERS = ("unbiased", "naive")
 LOSSES = ("cut", "huber")
+_NO_CAMERA = 0.02  # median error over the longer side of the image
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,9 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     start = first_fit(sightings, base.lens)
     initialized = time.perf_counter()
     fit = refine(start, base)
+    mended = repaired(fit)
+    if mended is not fit:
+        start, fit = refine(mended, replace(start.structure, lens=base.lens)), mended
     adjusted = time.perf_counter()
     screening = Screening(huber_fit(start, fit), (), ()) if settings.loss == "huber" else screen(start, fit)
     if screening.start is not start:
@@ -86,11 +91,6 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     }
     _refuse_undetermined(fit)
     central = candidates["kannala"]
-    best_pupil = min(
-        (one for one in candidates.values() if one is not central),
-        key=lambda one: one.validation.mean_loss,
-        default=None,
-    )
     return CalibrationResult(
         camera=replace(fit.state.camera, theta_max=_evidence(fit)),
         fit=fit,
@@ -98,7 +98,7 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         stand_in=single_viewpoint(replace(fit.state.camera, theta_max=_evidence(fit)), settings.svp_distance),
         rejected=screening.rejected,
         wrong_views=screening.wrong_views,
-        entrance_pupil_supported=best_pupil is not None and supported(best_pupil, central),
+        entrance_pupil_supported=any(supported(one, central) for one in candidates.values() if one is not central),
         comparison={name: _comparison(one) for name, one in candidates.items()},
         reasons=reasons,
         seconds=seconds,
@@ -179,7 +179,13 @@ def _refuse_alike_views(sightings: Sightings) -> None:
 
 
 def _refuse_undetermined(fit: Fit) -> None:
-    """Refuse a camera whose focal length the views leave open."""
+    """Refuse a camera that explains nothing, and one whose focal length the views leave open."""
+    middle = float(np.sqrt(np.median(fit.weighted_square))) / fit.sightings.usual_weight
+    if middle > _NO_CAMERA * max(fit.sightings.observations.image_size):
+        raise CalibrationError(
+            f"no camera explains the points (half of them are off by {middle:.0f} px or more): check that the target file "
+            "describes the board in the images"
+        )
     _, values = fit.shared_parameters
     try:
         variance = np.diag(uncertainty(fit).shared)[:2]

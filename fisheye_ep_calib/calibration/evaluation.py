@@ -10,7 +10,7 @@ from fisheye_ep_calib.calibration.adjustment import AdjustmentProblem, Adjustmen
 from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
 from fisheye_ep_calib.calibration.fit import MIN_POINTS, Sightings, of_images, sightings_of, why_no_pose
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.ray_pose import poses_from_rays
+from fisheye_ep_calib.calibration.pose_repair import ray_poses
 from fisheye_ep_calib.calibration.views import view_blocks
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
@@ -66,7 +66,7 @@ def evaluate_camera(
         np.zeros(len(camera.parameters), dtype=bool),
         theta_limit=camera.theta_limit,
     )
-    state = AdjustmentState(camera, _first_poses(camera, sightings), warp)
+    state = AdjustmentState(camera, ray_poses(camera, sightings), warp)
     lost = _views_where(_median_error(problem, state, sightings) > _LOST * max(observations.image_size), sightings)
     failed |= dict.fromkeys(lost, "no pose explains its points")
     problem, state, sightings = _without(lost, problem, state, sightings)
@@ -89,18 +89,6 @@ def evaluate_camera(
         float(np.quantile(length, 0.95)),
         int(used.sum()),
     )
-
-
-def _first_poses(camera: FisheyeCamera, sightings: Sightings) -> np.ndarray:
-    """Poses (V, 4, 4) from the camera's rays taken as if they met in one point; robust to wrong sightings."""
-    poses = np.tile(np.eye(4), (len(sightings.images), 1, 1))
-    for block in sightings.blocks:
-        _, directions, valid = camera.unproject(np.moveaxis(block.pixels, 0, -1))
-        used = (block.weights > 0) & valid
-        poses[block.views] = poses_from_rays(
-            np.moveaxis(directions, -1, 0), block.object_points, used, sightings.features.board, robust=True
-        )
-    return poses
 
 
 def _views_where(marked: np.ndarray, sightings: Sightings) -> list[int]:

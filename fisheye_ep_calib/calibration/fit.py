@@ -30,6 +30,7 @@ from fisheye_ep_calib.errors import CalibrationError
 MIN_VIEWS = 3
 MIN_POINTS = 4  # sightings a view needs for its pose
 _ON_A_LINE = 1e-6  # variance of a view's points across, over that along; such a view may turn about its line
+_AT_THE_LIMIT = 0.98  # of the largest angle allowed: a fit that comes so near may be held there
 _ROUGH = 1e-2  # tolerance of the stage that only serves as a start
 
 
@@ -46,6 +47,12 @@ class Sightings:
     @cached_property
     def point_count(self) -> int:
         return int(sum((block.weights > 0).sum() for block in self.blocks))
+
+    @cached_property
+    def usual_weight(self) -> float:
+        """What turns pixels into the unit of weighted residuals; weights may be 1/σ."""
+        weights = self.observations.weights
+        return float(np.median(weights[weights > 0]))
 
 
 @dataclass(frozen=True)
@@ -222,5 +229,16 @@ def refine(start: Fit, structure: Structure, sightings: Sightings | None = None,
             f"{sightings.point_count} points give {2 * sightings.point_count} equations for {unknowns} unknowns: "
             "record more views or views with more of the target's points"
         )
-    adjustment = adjust(problem, AdjustmentState(camera, poses, warp))
-    return Fit(structure, sightings, problem, adjustment)
+    return adjusted(structure, sightings, problem, AdjustmentState(camera, poses, warp))
+
+
+def adjusted(structure: Structure, sightings: Sightings, problem: AdjustmentProblem, state: AdjustmentState) -> Fit:
+    """Adjust to convergence, with a wider limit of the incidence angle where the fit comes near it.
+
+    A start far from the truth (pixels that are not square, a centre far off) may have set the limit too low.
+    """
+    fit = Fit(structure, sightings, problem, adjust(problem, state))
+    while problem.theta_limit < np.pi and np.nanmax(fit.residuals[1]) > _AT_THE_LIMIT * problem.theta_limit:
+        problem = replace(problem, theta_limit=float(min(np.pi, 1.2 * problem.theta_limit + 0.1)))
+        fit = Fit(structure, sightings, problem, adjust(problem, fit.state))
+    return fit

@@ -11,6 +11,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.normal_equations import NormalEquations, Step, solve_damped
 
 CONVERGED = 1e-10  # predicted decrease of the cost, as a fraction of it
+MOST_ITERATIONS = 500  # weak data lead along a long curved valley
 _FIRST_DAMPING = 1e-4
 _MOST_DAMPING = 1e14
 
@@ -31,7 +32,7 @@ def minimise(
     evaluate: Callable[[State], NormalEquations],
     stepped: Callable[[State, Step], State | None],
     state: State,
-    max_iterations: int = 100,
+    max_iterations: int = MOST_ITERATIONS,
     tolerance: float = CONVERGED,
 ) -> Minimum[State]:
     """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping; Madsen et al. 2004, algorithm 3.16).

@@ -9,6 +9,19 @@ import numpy as np
 
 from fisheye_ep_calib.errors import InputError
 
+_MOST_IMAGES = 10**7  # every number up to the largest gets a name
+
+
+def _whole(name: str, values) -> np.ndarray:
+    """Whole numbers (k,) int64. Raises InputError."""
+    try:
+        found = np.array(values, dtype=float).reshape(-1)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must hold whole numbers") from None
+    if not (np.isfinite(found).all() and (found == np.rint(found)).all()):
+        raise InputError(f"{name} must hold whole numbers")
+    return found.astype(np.int64)
+
 
 @dataclass(frozen=True)
 class Observations:
@@ -49,8 +62,7 @@ class Observations:
         """Validate, sort by image and fill in what is optional. Raises InputError."""
         # To the picometre, so that lengths given in mm and in m are the same numbers.
         object_points = np.round(np.array(object_points, dtype=float), 12)
-        image_index = np.array(image_index, dtype=np.int64).reshape(-1)
-        point_index = np.array(point_index, dtype=np.int64).reshape(-1)
+        image_index, point_index = _whole("image_index", image_index), _whole("point_index", point_index)
         pixels = np.array(pixels, dtype=float)
         count = len(image_index)
         if object_points.ndim != 2 or object_points.shape[1] != 3 or not np.isfinite(object_points).all():
@@ -66,9 +78,10 @@ class Observations:
             raise InputError(f"point_index must lie in 0..{len(object_points) - 1}")
         if image_index.min() < 0:
             raise InputError("image_index must not be negative")
-        width, height = (int(value) for value in image_size)
-        if width <= 0 or height <= 0:
-            raise InputError("image_size must be positive")
+        size = _whole("image_size", image_size)
+        if len(size) != 2 or (size <= 0).any():
+            raise InputError("image_size must be positive: width and height in pixels")
+        width, height = size.tolist()
         outside = (pixels < -0.5).any(axis=1) | (pixels > np.array([width, height]) - 0.5).any(axis=1)
         if outside.any():
             bad = int(np.flatnonzero(outside)[0])
@@ -81,6 +94,8 @@ class Observations:
             raise InputError("weights must be finite, not negative, one an observation")
         images = int(image_index.max()) + 1
         if image_names is None:
+            if images > _MOST_IMAGES:
+                raise InputError(f"image_index has {images - 1}: number the images from 0, without large gaps")
             image_names = tuple(str(i) for i in range(images))
         image_names = tuple(str(name) for name in image_names)
         if len(image_names) < images:

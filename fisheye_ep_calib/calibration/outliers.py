@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, refine, with_weights
+from fisheye_ep_calib.calibration.pose_repair import repaired
 from fisheye_ep_calib.calibration.robust import Loss, robust_spread
 from fisheye_ep_calib.calibration.structure import Structure
 
@@ -52,7 +53,8 @@ def _lengths(fit: Fit, weights: np.ndarray) -> np.ndarray:
 def has_outliers(fit: Fit) -> bool:
     """Whether any sighting lies beyond the limit of a fit under the plain loss."""
     length = _lengths(fit, fit.sightings.observations.weights)[_used(fit)]
-    return bool(length.max() > _LIMIT * max(robust_spread(length, _QUANTILE), _LEAST_SIGMA))
+    least = _LEAST_SIGMA * fit.sightings.usual_weight
+    return bool(length.max() > _LIMIT * max(robust_spread(length, _QUANTILE), least))
 
 
 def richest_structure(structure: Structure, sightings: Sightings) -> Structure:
@@ -88,21 +90,24 @@ def huber_fit(start: Fit, fit: Fit) -> Fit:
     rich = richest_structure(fit.structure, fit.sightings)
     rough = fit if _is_clean(fit) else first_fit(fit.sightings, fit.structure.lens, robust=True)
     spread = robust_spread(_lengths(rough, fit.sightings.observations.weights)[_used(rough)])
-    best = refine(rough, rich, loss=Loss("cauchy", max(2 * spread, _LEAST_SIGMA)))
+    least = _LEAST_SIGMA * fit.sightings.usual_weight
+    best = repaired(refine(rough, rich, loss=Loss("cauchy", max(2 * spread, least))))
     spread = robust_spread(_lengths(best, fit.sightings.observations.weights)[_used(best)])
-    loss = Loss("huber", _HUBER * max(spread, _LEAST_SIGMA))
+    loss = Loss("huber", _HUBER * max(spread, least))
     return refine(best, Structure("kannala", lens=fit.structure.lens), replace(fit.sightings, loss=loss))
 
 
 def _is_clean(fit: Fit) -> bool:
-    return fit.adjustment.converged and fit.rms_px < _SUSPICIOUS and not has_outliers(fit)
+    small = fit.rms_px < _SUSPICIOUS * fit.sightings.usual_weight
+    return fit.adjustment.converged and small and not has_outliers(fit)
 
 
 def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure) -> Screening:
     observations = sightings.observations
+    least = _LEAST_SIGMA * sightings.usual_weight
     start = first_fit(sightings, structure.lens, robust=True)
     spread = robust_spread(_lengths(start, observations.weights)[_used(start)])
-    fit = refine(start, rich, loss=Loss("cauchy", max(2 * spread, _LEAST_SIGMA)))
+    fit = repaired(refine(start, rich, loss=Loss("cauchy", max(2 * spread, least))))
     keep = observations.weights > 0
     rejected_residual = np.zeros((len(keep), 2))
     wrong: set[int] = set()
@@ -110,7 +115,7 @@ def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure
         error = fit.residuals[0]
         length = _lengths(fit, observations.weights)
         known = np.isfinite(error[:, 0])
-        sigma = max(robust_spread(length[keep & known], _QUANTILE), _LEAST_SIGMA)
+        sigma = max(robust_spread(length[keep & known], _QUANTILE), least)
         inside = (observations.weights > 0) & known & (length <= _LIMIT * sigma)
         wrong |= _wrong_views(observations, inside, fit.sightings.images)
         inside &= ~np.isin(observations.image_index, list(wrong))

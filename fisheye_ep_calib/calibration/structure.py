@@ -36,7 +36,7 @@ class Structure:
             if name not in LENS_EXTRAS:
                 raise InputError(f"unknown lens extra {name!r}; known: {', '.join(LENS_EXTRAS)}")
         most = PUPIL_FAMILIES[self.model].max_terms
-        if self.terms is not None and self.model != "kannala" and not 1 <= self.terms <= most:
+        if self.terms is not None and self.model != "kannala" and self.terms not in range(1, most + 1):
             raise InputError(f"{self.model} takes 1 to {most} terms, not {self.terms}")
 
     @property

@@ -119,7 +119,7 @@ def test_what_is_no_cluster_is_refused_in_one_line(tmp_path, monkeypatch):
     with open_recording(write_folder(tmp_path / "front", [picture()])) as recording:
         detector = TARGET.detector()
         for address in ("tcp://127.0.0.1:9", "nonsense", "", "udp://here:1", "tcp://nowhere.invalid:8786"):
-            with pytest.raises(InputError, match=r"no Dask scheduler answers at .*'dask scheduler'|no address such as") as told:
+            with pytest.raises(InputError, match=r"no Dask .*'dask scheduler'|no address such as") as told:
                 ClusterWorkers(recording, detector, address)
             assert "\n" not in str(told.value)
         with scheduler(tmp_path) as address, pytest.raises(InputError, match="has no workers; start some"):
