@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, prepare, refine
-from fisheye_ep_calib.calibration.model_selection import Candidate, Search, candidate, choose, supported
+from fisheye_ep_calib.calibration.model_selection import Candidate, Search, candidate, choose, supported_pupils
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.outliers import Screening, huber_fit, screen
 from fisheye_ep_calib.calibration.pose_repair import repaired
@@ -90,7 +90,6 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         "compare": time.perf_counter() - screened,
     }
     _refuse_undetermined(fit)
-    central = candidates["kannala"]
     return CalibrationResult(
         camera=replace(fit.state.camera, theta_max=_evidence(fit)),
         fit=fit,
@@ -98,7 +97,7 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         stand_in=single_viewpoint(replace(fit.state.camera, theta_max=_evidence(fit)), settings.svp_distance),
         rejected=screening.rejected,
         wrong_views=screening.wrong_views,
-        entrance_pupil_supported=any(supported(one, central) for one in candidates.values() if one is not central),
+        entrance_pupil_supported=bool(supported_pupils(candidates)),
         comparison={name: _comparison(one) for name, one in candidates.items()},
         reasons=reasons,
         seconds=seconds,
@@ -183,8 +182,8 @@ def _refuse_undetermined(fit: Fit) -> None:
     middle = float(np.sqrt(np.median(fit.weighted_square))) / fit.sightings.usual_weight
     if middle > _NO_CAMERA * max(fit.sightings.observations.image_size):
         raise CalibrationError(
-            f"no camera explains the points (half of them are off by {middle:.0f} px or more): check that the target file "
-            "describes the board in the images"
+            f"no camera explains the points (half of them are off by {middle:.0f} px or more): "
+            "check that the target file describes the board in the images"
         )
     _, values = fit.shared_parameters
     try:

@@ -15,7 +15,7 @@ from fisheye_ep_calib.camera import PUPIL_FAMILIES
 
 _WARP = "board warp"
 _CLUSTERS_BEYOND_TERMS = 5  # views beyond the number of tested parameters that the view-robust test needs
-_SIGNIFICANCE = 0.001  # of the nested test
+_SIGNIFICANCE = 0.001  # of a nested test; shared by several that ask the same (Bonferroni)
 
 
 @dataclass(frozen=True)
@@ -83,13 +83,13 @@ def _wald_test(rich: Fit, plain: Fit) -> float:
     return float(fdtrc(len(tested), views - len(tested), statistic))
 
 
-def supported(rich: Candidate, plain: Candidate) -> bool:
+def supported(rich: Candidate, plain: Candidate, significance: float = _SIGNIFICANCE) -> bool:
     """Whether the data support a richer structure: the nested test must, and it must predict held-out views better.
 
     How sure the gain is, is the test's matter: folds are few, and a gain may sit in the close-ups of one of them.
     """
     better = rich.validation.mean_loss < plain.validation.mean_loss
-    return bool(better and nested_test(rich.fit, plain.fit) < _SIGNIFICANCE)
+    return bool(better and nested_test(rich.fit, plain.fit) < significance)
 
 
 @dataclass(frozen=True)
@@ -164,15 +164,21 @@ def _with_addition(structure: Structure, name: str) -> Structure:
     return replace(structure, extras=(*structure.extras, name))
 
 
+def supported_pupils(candidates: dict[str, Candidate]) -> list[Candidate]:
+    """Those of the pupil models that the data support against the single viewpoint; each is one of several trials."""
+    central = candidates["kannala"]
+    pupils = [one for one in candidates.values() if one is not central]
+    return [one for one in pupils if supported(one, central, _SIGNIFICANCE / len(pupils))]
+
+
 def simplest_good(candidates: dict[str, Candidate]) -> Candidate:
     """Of the pupils that the data support the simplest that the best does not clearly beat, ties by prediction.
 
     Without one that is supported the single viewpoint.
     """
-    central = candidates["kannala"]
-    pupils = [one for one in candidates.values() if one is not central and supported(one, central)]
+    pupils = supported_pupils(candidates)
     if not pupils:
-        return central
+        return candidates["kannala"]
     best = min(pupils, key=lambda one: one.validation.mean_loss)
     good = [one for one in pupils if one is best or not best.clearly_better(one)]
     return min(good, key=lambda one: (one.structure.parameter_count, one.validation.mean_loss))

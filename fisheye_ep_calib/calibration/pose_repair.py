@@ -44,7 +44,7 @@ def repaired(fit: Fit) -> Fit:
 
 
 def _started_again(fit: Fit) -> Fit:
-    """The fit from ray poses of all views, where that ends better: many wrong poses together bend the camera to them."""
+    """The fit from ray poses of all views, where that ends better: many wrong poses bend the camera to themselves."""
     camera = replace(fit.state.camera, theta_max=fit.problem.theta_limit)
     state = replace(fit.state, camera_from_target=ray_poses(camera, fit.sightings))
     again = adjusted(fit.structure, fit.sightings, fit.problem, state)
