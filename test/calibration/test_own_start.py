@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from known_scenes import unknown_scene, with_gross_errors
+from known_scenes import BOARD, CAMERA, poses_of, seen, unknown_scene, with_gross_errors
 
 from fisheye_ep_calib.calibration import calibrate
+from fisheye_ep_calib.calibration.fit import first_fit, prepare, refine
+from fisheye_ep_calib.calibration.pose_repair import repaired
+from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.simulation import random_poses
 
 pytestmark = pytest.mark.filterwarnings("error")
 EDGES = [40, 52, 64, 76, 88, 100]
@@ -44,3 +50,24 @@ def test_a_tenth_of_gross_errors_is_named_and_harmless(seed, edge) -> None:
     assert rejected >= truth and len(rejected) <= len(truth) + 1
     assert result.points == len(observations.pixels) - len(rejected)
     assert result.wrong_views == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("aspect", "shift"), [(2.0, 0.0), (0.5, 0.0), (1.5, 0.2), (1.0, 0.25)])
+def test_pixels_that_are_not_square_and_a_centre_far_off(aspect, shift, seed) -> None:
+    camera = replace(CAMERA, fx=330.0, fy=330.0 * aspect, cx=800 + shift * 1600, cy=600 - 0.5 * shift * 1200)
+    result = calibrate(seen(camera, BOARD.object_points, poses_of(25, seed), 0.1, seed), "ep_even")
+    assert_recovered(result, camera)
+    assert not result.rejected and not result.wrong_views
+
+
+def test_a_pose_that_stayed_wrong_is_found_again() -> None:
+    camera = replace(CAMERA, fx=260.0, fy=520.0, cx=1120.0, cy=480.0, theta_max=2.2)
+    poses = random_poses(BOARD, 12, 10, (0.12, 0.35), (0.0, 105.0), (5.0, 60.0))
+    observations = seen(camera, BOARD.object_points, poses, 0.1, 10)
+    fit = refine(first_fit(prepare(observations)), Structure("ep_even"))
+    assert fit.adjustment.converged and fit.rms_px > 1.4 * 0.1414
+    healed = repaired(fit)
+    assert healed.rms_px == pytest.approx(0.1414, rel=0.05)
+    assert repaired(healed) is healed
+    assert_recovered(calibrate(observations, "ep_even"), camera)

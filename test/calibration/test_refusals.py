@@ -40,6 +40,11 @@ def first_changed(array: np.ndarray, value) -> np.ndarray:
         (lambda o: {"point_index": first_changed(o.point_index, 54)}, r"point_index must lie in 0\.\.53"),
         (lambda o: {"point_index": first_changed(o.point_index, -1)}, r"point_index must lie in 0\.\.53"),
         (lambda o: {"image_index": first_changed(o.image_index, -1)}, "image_index must not be negative"),
+        (lambda o: {"image_index": o.image_index + 0.5}, "image_index must hold whole numbers"),
+        (lambda o: {"point_index": ["a"] * len(o.point_index)}, "point_index must hold whole numbers"),
+        (lambda o: {"image_index": o.image_index + 1_700_000_000}, "number the images from 0"),
+        (lambda o: {"image_size": (1600, 1200, 3)}, "image_size must be positive: width and height"),
+        (lambda o: {"image_size": (1600.5, 1200)}, "image_size must hold whole numbers"),
         (lambda o: {"pixels": first_changed(o.pixels, np.nan)}, r"observation 0 \(image 0\).*not finite"),
         (lambda o: {"pixels": first_changed(o.pixels, [np.inf, 3])}, "not finite"),
         (
@@ -223,3 +228,9 @@ def test_a_view_of_one_line_says_so(observations) -> None:
     line = (observations.image_index != 7) | (observations.point_index < 9)
     found = evaluate_camera(CAMERA, rows(observations, line))
     assert found.failed == {7: "its points lie on one line"}
+
+
+def test_points_that_no_camera_explains(observations) -> None:
+    anywhere = np.random.default_rng(3).uniform(0, 1199, observations.pixels.shape)
+    with pytest.raises(CalibrationError, match="check that the target file describes the board|remain"):
+        calibrate(replace(observations, pixels=anywhere), "ep_even")

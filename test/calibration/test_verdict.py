@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from known_scenes import CAMERA, seen_board
 
 from fisheye_ep_calib.calibration import calibrate
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses
@@ -67,3 +68,15 @@ def test_what_is_open_is_decided_and_what_is_fixed_is_not() -> None:
     assert fixed.camera.skew == 0 and not fixed.camera.extras and not np.any(fixed.board_warp)
     forced = calibrate(paper_views(1.0, 4), board_warp=True, tangential=True, skew=True)
     assert np.any(forced.board_warp) and "tangential" in forced.camera.extras and forced.camera.skew != 0
+
+
+def test_verdict_and_choice_are_one() -> None:
+    camera = replace(CAMERA, model="ep_even", coefficients=(-0.1e-3, 0.0))
+    for seed in range(6):
+        result = calibrate(seen_board(camera, views=10, seed=seed))
+        assert result.entrance_pupil_supported == (result.model != "kannala")
+
+
+def test_few_views_are_enough_for_a_pupil_that_is_certain() -> None:
+    found = [calibrate(seen_board(views=8, seed=seed)) for seed in range(4)]
+    assert sum(one.entrance_pupil_supported for one in found) >= 3
