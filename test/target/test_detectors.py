@@ -112,6 +112,21 @@ def test_guided_detection_stands_a_rough_camera():
     assert np.median(np.linalg.norm(detection.pixels - truth[detection.point_index], axis=1)) < 0.015
 
 
+def test_light_that_falls_across_a_lone_row_of_discs_does_not_pull_them():
+    target = load_target_named("circle_grid_11x7")
+    pose = look_pose(target, np.radians(80), np.pi / 2, 0.12)
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    image = render(CAMERA, target, pose, Imaging(blur=0.7, vignetting=0.6))
+    row = truth[target.object_points[:, 1] == 0]
+    in_sight = image[: int(row[:, 1].max()) + 25]
+    detection = target.detector().detect_guided(in_sight, CAMERA, pose)
+    assert 11 <= len(detection) <= 15
+    seen = truth[detection.point_index]
+    outward = seen - [CAMERA.cx, CAMERA.cy]
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    assert abs(((detection.pixels - seen) * outward).sum(axis=1).mean()) < 1e-3
+
+
 def load_target_named(name: str):
     return parse_target({"type": "circle_grid", "columns": 11, "rows": 7, "spacing": 0.012, "radius": 0.004}, name)
 
