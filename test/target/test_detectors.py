@@ -71,6 +71,16 @@ def test_discs_of_any_size_blur_and_noise(distance, blur, noise):
     assert same_lattice(target, detection, truth)
 
 
+@pytest.mark.parametrize("theta, distance, tilt", [(0.5, 0.07, 0.2), (0.6, 0.075, 0.3), (0.2, 0.13, 1.15)])
+def test_a_coarse_grid_is_found_whole_near_and_steep(theta, distance, tilt):
+    target = CircleGrid.create("discs", 4, 3, spacing=0.03, radius=0.0115)
+    pose = look_pose(target, theta, 0.4, distance, tilt=tilt, roll=0.2)
+    detection = target.detector().detect(render(CAMERA, target, pose, Imaging(blur=0.7, noise=2)))
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    assert len(detection) == 12
+    assert np.linalg.norm(detection.pixels[:, None] - truth, axis=-1).min(axis=1).max() < 0.05
+
+
 def test_a_disc_half_hidden_is_left_out():
     target = CircleGrid.create("discs", 7, 5, spacing=0.012, radius=0.004)
     pose = look_pose(target, 0.2, 1.0, 0.12, roll=0.1)

@@ -47,6 +47,18 @@ def test_a_bent_sheared_lattice_is_grown_whole():
         assert np.abs(design @ fit - cells[lattice.blob[own]]).max() < 1e-9
 
 
+@pytest.mark.parametrize("ratio", [2.6, None])
+def test_a_lattice_whose_scale_halves_within_two_steps_is_grown_whole(ratio):
+    cells = grid(4, 3)
+    x, y = cells.T.astype(float)
+    depth = 1 / (1 + 0.33 * x + 0.1 * y)  # a board seen steeply by a camera without distortion
+    center = 500 * depth[:, None] * np.stack([x - 2, y - 1], axis=-1)
+    along = np.stack([[1.66 + 0.1 * y, -(0.1 * (x - 2))], [-0.33 * (y - 1), 1.1 + 0.33 * x]])
+    jacobian = 500 * depth[:, None, None] ** 2 * np.moveaxis(along, -1, 0)
+    lattice = grow_lattices(center, jacobian @ np.swapaxes(jacobian, 1, 2) / 2.6**2, ratio)[0]
+    assert len(lattice) == 12
+
+
 @pytest.mark.parametrize("turn", range(4))
 def test_labels_survive_turning_and_shifting(turn):
     lattice = grid(6, 4)
