@@ -192,3 +192,16 @@ def test_discs_are_rulers_of_their_lattice():
     center[20] = center[21] + 0.5
     wrong = ~fits_neighbours(cells, center, shape)
     assert wrong[20] and wrong.sum() <= 2
+
+
+def test_one_whole_square_is_enough_where_all_rulers_agree():
+    # Three rows of an asymmetric grid at the image's border: (x, y) with x + y even, along the diagonals.
+    x, y = np.array([[1, 3, 5, 7, 9, 0, 2, 4, 6, 8, 7], [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2]])
+    cells = np.stack([(x + y) // 2, (y - x) // 2], axis=-1)
+    center = 30.0 * np.stack([x, y], axis=-1)
+    radius = np.full(len(cells), 30 * np.sqrt(2) / 3)
+    assert is_disc_lattice(cells, center, radius[:, None, None] ** 2 * np.eye(2), ratio=3.0)
+    radius[::3] *= 1.15
+    assert not is_disc_lattice(cells, center, radius[:, None, None] ** 2 * np.eye(2), ratio=3.0)
+    chain = y < 2
+    assert not is_disc_lattice(cells[chain], center[chain], radius[chain, None, None] ** 2 * np.eye(2), ratio=3.0)
