@@ -15,7 +15,7 @@ from fisheye_ep_calib.target.disc_growth import complete_discs
 from fisheye_ep_calib.target.disc_measurement import Measurement, measure_discs
 from fisheye_ep_calib.target.ellipse import minor_axis
 from fisheye_ep_calib.target.expected_features import expect_discs, pose_columns, stays_smooth
-from fisheye_ep_calib.target.hole_evidence import hole_evidence
+from fisheye_ep_calib.target.hole_evidence import LEAST_HOLES, hole_evidence
 from fisheye_ep_calib.target.labelling import label_patch
 from fisheye_ep_calib.target.lattice import FEWEST, Lattice, grow_lattices
 from fisheye_ep_calib.target.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
@@ -136,7 +136,7 @@ class CircleGridDetector:
             self.target.lattice,
             allowed=marks,
             is_plain=lambda sites, scale: _is_plain(image, sites, found),
-            least=marks.least if marks else None,
+            least=LEAST_HOLES if marks else None,
             turns=self.target.turns,
         )
         if not labels.known.any():

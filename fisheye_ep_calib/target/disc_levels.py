@@ -66,8 +66,9 @@ def measure_levels(
     share = np.clip(dark / np.maximum(plane[:, 0], 1e-6), 0, 0.95)
     inside, meant = box.select(core)
     squares = inside.sum(meant * (inside.x**2 + inside.y**2)) / 2
-    expected = share[:, None] * plane[:, 1:]
-    dark_plane = fit_planes(inside, meant.astype(np.float32), expected, (0.2 + 10 * trust) * squares)
+    strength = (0.2 + 10 * trust) * squares
+    information, moment = strength[:, None, None] * np.eye(2), (strength * share)[:, None] * plane[:, 1:]
+    dark_plane = fit_planes(inside, meant.astype(np.float32), information, moment)
     return Levels(plane, dark_plane, noise, (share_kept > 0.2) & (inside.sum(meant) > 0))
 
 
@@ -115,8 +116,11 @@ def _board_planes(
             kept = kept & (np.abs(rest) < patches.spread(np.maximum(2.5 * noise, 2)))
         else:
             kept = ring & (np.abs(rest) < patches.spread(np.maximum(share * (plane[:, 0] - dark), 2)))
-        expected = _shading(center, near, patches.mean(patches.value, kept), plane[:, 0] - dark, shape)
-        plane = fit_planes(patches, kept.astype(np.float32), expected, trust * squares)
+        level = patches.mean(patches.value, kept)
+        information, moment = _shading(center, near, level, plane[:, 0] - dark, shape)
+        strength = trust * squares
+        information, moment = strength[:, None, None] * information, strength[:, None] * moment
+        plane = fit_planes(patches, kept.astype(np.float32), information, moment)
         noise = np.sqrt(patches.mean(rest**2, kept))
     used = patches.sum(kept)
     return plane, noise, np.where(used > 5, used / np.maximum(patches.sum(ring), 1), 0.0)
@@ -139,22 +143,30 @@ def _without_glare(near: np.ndarray, light: np.ndarray, dark: np.ndarray) -> np.
 
 def _shading(
     center: np.ndarray, near: np.ndarray, level: np.ndarray, contrast: np.ndarray, shape: np.ndarray
-) -> np.ndarray:
-    """Slopes (d, 2) of the board's brightness along x and y, from the levels around the neighbours near (d, n) of
-    each disc; those that differ from its own by much of its contrast are of something else.
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the levels around the neighbours near (d, n) of each disc tell of the slopes g of the board's brightness
+    along x and y: a normal matrix N (d, 2, 2) and the moment N g (d, 2).
+
+    N is Σ o o' / |o|⁴ over the neighbours' offsets o, as light that bends makes their rise differ from g' o by what
+    grows with |o|². It is scaled to a trace of 2: the unit matrix where they lie all around, and next to nothing across
+    a row where they lie in one. Levels that differ from the disc's own by much of its contrast are of something else.
+    Where none is left the board counts as evenly lit, N g = 0 with the unit matrix.
     """
     if len(center) < FEWEST_NEIGHBOURS:
-        return np.zeros((len(center), 2))
+        return np.tile(np.eye(2), (len(center), 1, 1)), np.zeros((len(center), 2))
     offset = center[near] - center[:, None]
     rise = level[near] - level[:, None]
     alike = np.abs(rise) < 0.3 * np.maximum(contrast, 1)[:, None]
-    rise, offset = rise * alike, offset * alike[..., None]
-    normal = np.einsum("dki,dkj->dij", offset, offset)
-    normal += 1e-3 * np.eye(2) + 1e-3 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2)
-    slope = np.linalg.solve(normal, np.einsum("dki,dk->di", offset, rise)[..., None])[..., 0]
+    weight = alike / np.maximum((offset**2).sum(axis=-1), 1.0) ** 2
+    normal = np.einsum("dk,dki,dkj->dij", weight, offset, offset)
+    moment = np.einsum("dk,dki,dk->di", weight, offset, rise)
+    half = np.maximum(np.trace(normal, axis1=1, axis2=2) / 2, 1e-12)
+    normal, moment = normal / half[:, None, None], moment / half[:, None]
     # More than a quarter of the level across a disc is no shading but an occluder's shadow in one of the rings.
+    slope = np.linalg.solve(normal + 2e-3 * np.eye(2), moment[..., None])[..., 0]
     steep = np.hypot(*slope.T) * major_axis(shape) > 0.25 * np.maximum(level, 1)
-    return np.where(steep[:, None], 0, slope)
+    unknown = steep | ~alike.any(axis=1)
+    return np.where(unknown[:, None, None], np.eye(2), normal), np.where(unknown[:, None], 0, moment)
 
 
 def height(plane: np.ndarray, patches: PixelPatches) -> np.ndarray:

@@ -15,8 +15,10 @@ SECTORS = 12  # around a disc in which its edge must be seen
 FIRST_BLUR = 1.0  # pixels
 LEAST_CONTRAST = 8.0  # grey values between board and disc
 BEYOND, BEYOND_NOISE = 0.1, 3.0  # of the contrast, and times the noise: what a pixel may differ
-# What a lens makes of a disc larger than this, pixels, is no ellipse: by this share of the excess it may differ.
-NO_ELLIPSE, LARGE = 0.004, 25.0
+# What a lens makes of a disc larger than this, pixels, is no ellipse: of the excess, it may be an egg by this share,
+# and differ otherwise by this.
+EGG, NO_EGG, LARGE = 0.01, 0.002, 25.0
+UNEXPLAINED = 0.25  # of what opposite sectors differ by, RMS, that an egg may leave
 
 
 @dataclass(frozen=True)
@@ -143,8 +145,9 @@ def _measure_once(
     good &= (area_ratio > 0.6) & (area_ratio < 1.6) & (np.hypot(*move.T) < np.maximum(minor_axis(shape), 1.0))
     if final:
         good &= (area_ratio > 0.8) & (area_ratio < 1.25)
-        bulge = NO_ELLIPSE * np.maximum(major_axis(shape) - LARGE, 0) / (band + 0.5)
-        good &= _seen_whole(patches, ellipse, weight, inner, own, state.blur, relative_noise, hole, band, bulge)
+        good &= _seen_whole(
+            patches, ellipse, shape, weight, inner, own, state.blur, relative_noise, hole, band
+        )
     new_shape = _ellipse_of_mass(patches, mass, move, area, shape) if adapt else shape
     blur = _edge_blur(patches, weight, edge, relative_noise, shape)
     center = state.center + np.where(good[:, None], move, 0)
@@ -186,12 +189,12 @@ def _edge_blur(patches: PixelPatches, weight, edge, relative_noise, shape) -> np
 
 
 def _seen_whole(
-    patches: PixelPatches, ellipse: EllipsePosition, weight, inner, own, blur, relative_noise, hole, band, bulge
+    patches: PixelPatches, ellipse: EllipsePosition, shape, weight, inner, own, blur, relative_noise, hole, band
 ) -> np.ndarray:
     """Whether every sector of each disc (d,) looks as it should, dark inside and light outside.
 
-    Compared with the blurred ellipse; something that covers part of a disc shows in a sector, and not in the
-    opposite one, whereas a wrong blur or size shows in all.
+    Compared with the blurred ellipse, or egg where the disc is large; something that covers part of a disc shows in a
+    sector, and not in the opposite one, whereas a wrong blur or size shows in all.
     """
     owner = patches.owner
     expected = np.where(inner, np.float32(1), np.float32(0))
@@ -203,25 +206,54 @@ def _seen_whole(
     )
     key = owner * SECTORS + np.minimum(turn.astype(np.int32), SECTORS - 1)
     dim = np.where(hole > 0, hole + 0.15, 0.3)[owner]
+    excess = np.maximum(major_axis(shape) - LARGE, 0)
     zones = (
         # A glossy print is not evenly dark; an edge that something covers is missed by more.
-        ((ellipse.distance < 0) & (ellipse.radius > dim), 0.15),
-        ((ellipse.distance >= 0) & own & (ellipse.distance < (band + 0.5)[owner]), 0.08),
+        ((ellipse.distance < 0) & (ellipse.radius > dim), 0.15, 0 * excess),
+        ((ellipse.distance >= 0) & own & (ellipse.distance < (band + 0.5)[owner]), 0.08, EGG * excess),
     )
     whole = np.ones(len(patches), dtype=bool)
-    for zone, allowed in zones:
+    for zone, allowed, egg in zones:
         count = np.bincount(key[zone], minlength=len(patches) * SECTORS).reshape(-1, SECTORS)
         total = np.bincount(key[zone], rest[zone], len(patches) * SECTORS).reshape(-1, SECTORS)
         mean = total / np.maximum(count, 1)
+        mean -= _egg(mean, shape, band + 0.5, egg)
         opposite = np.roll(mean, SECTORS // 2, axis=1)
         fewest = np.minimum(count, np.roll(count, SECTORS // 2, axis=1))
         tolerance = (
             allowed
             + 5.0 * relative_noise[:, None] / np.sqrt(np.maximum(fewest, 1))
             + 0.25 / np.maximum(fewest, 1)
-            + bulge[:, None]
+            + (NO_EGG * excess / (band + 0.5))[:, None]
         )
         uneven = (np.abs(mean - opposite) > tolerance) & (fewest >= 2)
         wrong = (np.abs(mean) > 0.3 + tolerance) & (count >= 2)
         whole &= ~(uneven | wrong).any(axis=1)
     return whole
+
+
+def _egg(mean: np.ndarray, shape: np.ndarray, width: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """What an egg-shaped outline adds to the means (d, s) over s sectors of a zone outside each disc's edge, ``width``
+    (d,) pixels wide, if it leaves the ellipse by ``most`` (d,) pixels at most.
+
+    In the frame u = R⁻¹ x, R² = shape, a smooth lens makes of the unit circle s(ψ) = 1 + α cos 3ψ + β sin 3ψ: the first
+    harmonic is a shift, the second an ellipse. With n normal to the edge u ∝ R n, and the edge moves by
+    (s − 1) / |∇s| = (s − 1) √(n' shape n) outwards, of which each mean is the share of the width.
+    """
+    angle = (np.arange(SECTORS) + 0.5) * (2 * np.pi / SECTORS) - np.pi
+    normal = np.stack([np.cos(angle), np.sin(angle)])
+    # R = (A + √|A| 1) / √(tr A + 2 √|A|); its scale does not matter here.
+    root = shape + np.sqrt(np.maximum(np.linalg.det(shape), 0))[:, None, None] * np.eye(2)
+    turned = root @ normal
+    psi = np.arctan2(turned[:, 1], turned[:, 0])
+    reach = np.sqrt(np.einsum("is,dij,js->ds", normal, shape, normal))
+    design = np.stack([np.cos(3 * psi), np.sin(3 * psi)], axis=-1) * (reach / width[:, None])[..., None]
+    odd = (mean - np.roll(mean, SECTORS // 2, axis=1)) / 2
+    square = np.einsum("dsi,dsj->dij", design, design)
+    coefficients = np.linalg.solve(square, np.einsum("dsi,ds->di", design, odd)[..., None])[..., 0]
+    size = np.hypot(*coefficients.T) * major_axis(shape)
+    coefficients *= np.minimum(1, most / np.maximum(size, 1e-9))[:, None]
+    egg = np.einsum("dsi,di->ds", design, coefficients)
+    # Something that covers a piece of the edge is no third harmonic: of one sector an egg would explain a third.
+    explained = np.square(odd - egg).sum(axis=1) < UNEXPLAINED**2 * np.square(odd).sum(axis=1)
+    return np.where(explained[:, None], egg, 0)

@@ -13,6 +13,7 @@ from fisheye_ep_calib.target.pixel_patches import PixelPatches
 
 LEAST_BRIGHTNESS, ENOUGH_BRIGHTNESS = 0.12, 0.4  # of board minus disc: never a hole, always one
 LEAST_NOISES = 6.0  # times the spread of the plain discs: a hole
+LEAST_HOLES = 1.0  # net, where the target has them, for names to be believed: plain board alone may be a sheet of paper
 VISIBLE = 0.3  # share of a hole's brightness that the blur must leave for its absence to be seen
 
 
@@ -32,11 +33,6 @@ class HoleEvidence:
         """Holes where the target has them, less those missing and those where it has none."""
         marked = np.array([tuple(cell) in self.marks for cell in placement(self.cells).tolist()], dtype=bool)
         return float((marked & self.holed).sum() - (marked & self.plain).sum() - (~marked & self.holed).sum())
-
-    @property
-    def least(self) -> float:
-        """The least that a placement must reach to be believed."""
-        return 1.0 if self.holed.any() else 0.0
 
 
 def hole_evidence(

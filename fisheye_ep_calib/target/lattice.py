@@ -18,6 +18,8 @@ FEWEST = 4  # discs of a lattice
 QUARTER = np.pi / 2
 # Blur makes blobs larger than their discs, and the pitch smaller in their measure.
 SWOLLEN = (1.0, 0.82, 0.68)
+MOST_OFF, MOST_UNLIKE = 0.17, 2.25  # of an edge's length in pitches off 1, and of one end's measure over the other's
+MOST_CHANGE = 0.5  # from a step of a lattice line to the next, of the longer one
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
 
@@ -102,13 +104,17 @@ def _likely_ratios(offset: np.ndarray, first: np.ndarray, second: np.ndarray, co
 
 
 def _edges(first, second, offset, ratio: float, count: int) -> _Edges:
-    """Pairs one pitch apart in both frames: their mean within 17 %, each within 35 %."""
+    """Pairs that are one pitch apart as the geometric mean of both frames has it, which is right to second order.
+
+    What each end says by itself is not: on a coarse grid close by, the scale halves from one disc to the next.
+    """
     distance = np.hypot(*offset.T) / ratio
     reverse = _both_ways(first, second, distance, count)
     mean = np.sqrt(distance * reverse)
-    good = (np.abs(mean - 1) < 0.17) & (np.abs(distance - 1) < 0.35) & (np.abs(reverse - 1) < 0.35)
+    unlike = np.abs(np.log(np.maximum(distance, 1e-9) / np.maximum(reverse, 1e-9)))
+    good = (np.abs(mean - 1) < MOST_OFF) & (unlike < np.log(MOST_UNLIKE))
     first, second, offset = first[good], second[good], offset[good]
-    cost = np.abs(np.log(mean[good])) + 0.3 * np.abs(np.log(distance[good] / reverse[good]))
+    cost = np.abs(np.log(mean[good])) + 0.3 * unlike[good]
     start = np.searchsorted(first, np.arange(count + 1))
     return _Edges(first, second, np.arctan2(offset[:, 1], offset[:, 0]), cost, start)
 
@@ -197,6 +203,6 @@ def _in_line(center: np.ndarray, at: dict, cell: tuple[int, int], other: int) ->
         far = at.get((cell[0] - 2 * step[0], cell[1] - 2 * step[1]))
         if far is not None:
             before = center[near] - center[far]
-            if np.hypot(*(ahead - before)) > 0.5 * np.hypot(*before):
+            if np.hypot(*(ahead - before)) > MOST_CHANGE * max(np.hypot(*before), np.hypot(*ahead)):
                 return False
     return True

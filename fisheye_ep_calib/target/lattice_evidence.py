@@ -15,8 +15,9 @@ MOST_STRETCH = 0.35  # ln of pitch over radius off its median, for a disc to sta
 MOST_SPREAD = 0.12  # RMS of the same over the lattice
 MOST_SLANT = 0.25  # mean |cos| between rows and columns in the discs' frames
 MOST_BIAS = 0.13  # ln of pitch over radius off the target's
-MOST_BEND = 0.12  # median step off a straight row, in pitches
-FEWEST_SQUARES = 2  # of four discs
+MOST_BEND = 0.12  # median step off a straight row, in pitches; up to twice as much where all else is perfect
+FEWEST_SQUARES = 2  # of four discs; one where all else is within EXCELLENT of its limit
+EXCELLENT = 0.25
 
 
 def frames(shape: np.ndarray) -> np.ndarray:
@@ -58,17 +59,21 @@ def is_disc_lattice(cells: np.ndarray, center: np.ndarray, shape: np.ndarray, ra
     beside = neighbours(cells)
     right, down = beside[:, 0], beside[:, 2]
     squares = int(((right >= 0) & (down >= 0) & (beside[right, 2] >= 0)).sum())
-    if squares < FEWEST_SQUARES:
+    if squares < 1:
         return False
     frame = frames(shape)
     stretch = np.log(np.maximum(mean_distance(frame, center, first, second), 1e-6))
     usual = float(np.median(stretch))
     spread = float(np.sqrt(np.mean((stretch - usual) ** 2)))
-    biased = ratio is not None and abs(usual - np.log(ratio)) > MOST_BIAS
+    bias = 0.0 if ratio is None else abs(usual - np.log(ratio))
+    worst = max(spread / MOST_SPREAD, bias / MOST_BIAS, _slant(beside, frame, center) / MOST_SLANT)
+    if squares < FEWEST_SQUARES and worst > EXCELLENT:
+        return False
     rest = line_residuals(cells, center) / local_pitch(cells, center)
     known = np.isfinite(rest)
     bent = float(np.median(rest[known])) if known.sum() >= 4 else 0.0
-    return not biased and spread < MOST_SPREAD and bent < MOST_BEND and _slant(beside, frame, center) < MOST_SLANT
+    # Rulers that agree well are evidence of a grid: its rows may bend the more.
+    return worst < 1 and bent / MOST_BEND < 2 - worst
 
 
 def _slant(beside: np.ndarray, frame: np.ndarray, center: np.ndarray) -> float:

@@ -103,23 +103,23 @@ class PixelPatches:
 
 
 def fit_planes(
-    patches: PixelPatches, weight: np.ndarray, prior: np.ndarray, strength: np.ndarray
+    patches: PixelPatches, weight: np.ndarray, information: np.ndarray, moment: np.ndarray
 ) -> np.ndarray:
     """Weighted least-squares planes (d, 3): value at the centre, slopes along x and y.
 
-    prior (d, 2): slopes expected; strength (d,): how many pixels² of evidence that expectation is worth.
+    information (d, 2, 2), pixels²: normal matrix N of what is known of the slopes g besides; moment (d, 2): N g.
     """
     wx, wy = weight * patches.x, weight * patches.y
     total, sx, sy = patches.sum(weight), patches.sum(wx), patches.sum(wy)
-    strength = np.maximum(strength, 1e-3)
-    xx = patches.sum(wx * patches.x) + strength
-    yy = patches.sum(wy * patches.y) + strength
-    xy = patches.sum(wx * patches.y)
+    # A patch of one pixel has no slope of its own.
+    xx = patches.sum(wx * patches.x) + information[:, 0, 0] + 1e-3
+    yy = patches.sum(wy * patches.y) + information[:, 1, 1] + 1e-3
+    xy = patches.sum(wx * patches.y) + information[:, 0, 1]
     right = np.stack(
         [
             patches.sum(weight * patches.value),
-            patches.sum(wx * patches.value) + strength * prior[:, 0],
-            patches.sum(wy * patches.value) + strength * prior[:, 1],
+            patches.sum(wx * patches.value) + moment[:, 0],
+            patches.sum(wy * patches.value) + moment[:, 1],
         ],
         axis=-1,
     )

@@ -71,6 +71,16 @@ def test_discs_of_any_size_blur_and_noise(distance, blur, noise):
     assert same_lattice(target, detection, truth)
 
 
+@pytest.mark.parametrize("theta, distance, tilt", [(0.5, 0.07, 0.2), (0.6, 0.075, 0.3), (0.2, 0.13, 1.15)])
+def test_a_coarse_grid_is_found_whole_near_and_steep(theta, distance, tilt):
+    target = CircleGrid.create("discs", 4, 3, spacing=0.03, radius=0.0115)
+    pose = look_pose(target, theta, 0.4, distance, tilt=tilt, roll=0.2)
+    detection = target.detector().detect(render(CAMERA, target, pose, Imaging(blur=0.7, noise=2)))
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    assert len(detection) == 12
+    assert np.linalg.norm(detection.pixels[:, None] - truth, axis=-1).min(axis=1).max() < 0.05
+
+
 def test_a_disc_half_hidden_is_left_out():
     target = CircleGrid.create("discs", 7, 5, spacing=0.012, radius=0.004)
     pose = look_pose(target, 0.2, 1.0, 0.12, roll=0.1)
@@ -110,6 +120,21 @@ def test_guided_detection_stands_a_rough_camera():
     truth, _ = feature_pixels(CAMERA, target, pose)
     assert len(detection) >= 75
     assert np.median(np.linalg.norm(detection.pixels - truth[detection.point_index], axis=1)) < 0.015
+
+
+def test_light_that_falls_across_a_lone_row_of_discs_does_not_pull_them():
+    target = load_target_named("circle_grid_11x7")
+    pose = look_pose(target, np.radians(80), np.pi / 2, 0.12)
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    image = render(CAMERA, target, pose, Imaging(blur=0.7, vignetting=0.6))
+    row = truth[target.object_points[:, 1] == 0]
+    in_sight = image[: int(row[:, 1].max()) + 25]
+    detection = target.detector().detect_guided(in_sight, CAMERA, pose)
+    assert 11 <= len(detection) <= 15
+    seen = truth[detection.point_index]
+    outward = seen - [CAMERA.cx, CAMERA.cy]
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    assert abs(((detection.pixels - seen) * outward).sum(axis=1).mean()) < 1e-3
 
 
 def load_target_named(name: str):

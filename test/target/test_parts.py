@@ -47,6 +47,18 @@ def test_a_bent_sheared_lattice_is_grown_whole():
         assert np.abs(design @ fit - cells[lattice.blob[own]]).max() < 1e-9
 
 
+@pytest.mark.parametrize("ratio", [2.6, None])
+def test_a_lattice_whose_scale_halves_within_two_steps_is_grown_whole(ratio):
+    cells = grid(4, 3)
+    x, y = cells.T.astype(float)
+    depth = 1 / (1 + 0.33 * x + 0.1 * y)  # a board seen steeply by a camera without distortion
+    center = 500 * depth[:, None] * np.stack([x - 2, y - 1], axis=-1)
+    along = np.stack([[1.66 + 0.1 * y, -(0.1 * (x - 2))], [-0.33 * (y - 1), 1.1 + 0.33 * x]])
+    jacobian = 500 * depth[:, None, None] ** 2 * np.moveaxis(along, -1, 0)
+    lattice = grow_lattices(center, jacobian @ np.swapaxes(jacobian, 1, 2) / 2.6**2, ratio)[0]
+    assert len(lattice) == 12
+
+
 @pytest.mark.parametrize("turn", range(4))
 def test_labels_survive_turning_and_shifting(turn):
     lattice = grid(6, 4)
@@ -180,3 +192,16 @@ def test_discs_are_rulers_of_their_lattice():
     center[20] = center[21] + 0.5
     wrong = ~fits_neighbours(cells, center, shape)
     assert wrong[20] and wrong.sum() <= 2
+
+
+def test_one_whole_square_is_enough_where_all_rulers_agree():
+    # Three rows of an asymmetric grid at the image's border: (x, y) with x + y even, along the diagonals.
+    x, y = np.array([[1, 3, 5, 7, 9, 0, 2, 4, 6, 8, 7], [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2]])
+    cells = np.stack([(x + y) // 2, (y - x) // 2], axis=-1)
+    center = 30.0 * np.stack([x, y], axis=-1)
+    radius = np.full(len(cells), 30 * np.sqrt(2) / 3)
+    assert is_disc_lattice(cells, center, radius[:, None, None] ** 2 * np.eye(2), ratio=3.0)
+    radius[::3] *= 1.15
+    assert not is_disc_lattice(cells, center, radius[:, None, None] ** 2 * np.eye(2), ratio=3.0)
+    chain = y < 2
+    assert not is_disc_lattice(cells[chain], center[chain], radius[chain, None, None] ** 2 * np.eye(2), ratio=3.0)

@@ -91,6 +91,36 @@ def test_a_board_whose_marks_are_hidden_is_not_guessed():
     assert len(detection) == 0 and "discs, but not which" in detection.reason
 
 
+def _outline(pose, top: float, bottom: float) -> np.ndarray:
+    """Pixels (k, 2) around what lies between two rows of the board's plane, metres, to its left and right too."""
+    corners = np.array([[-0.04, top], [0.16, top], [0.16, bottom], [-0.04, bottom], [-0.04, top]])
+    edges = [np.linspace(start, end, 20) for start, end in zip(corners[:-1], corners[1:], strict=True)]
+    points = np.pad(np.concatenate(edges), ((0, 0), (0, 1)))
+    return CAMERA.project(points @ pose[:3, :3].T + pose[:3, 3])[0]
+
+
+def test_a_sheet_of_paper_over_the_marks_is_not_taken_for_plain_board():
+    target = parse_target(
+        {
+            "type": "circle_grid",
+            "columns": 11,
+            "rows": 7,
+            "spacing": 0.012,
+            "radius": 0.004,
+            "holed": [[5, 3], [6, 3], [5, 2]],
+        }
+    )
+    pose = look_pose(target, 0.2, 0.4, 0.12, tilt=0.3)
+    # A sheet as white as the board covers all but the last three rows and lies over the board's edge; beyond the last
+    # row the board ends.
+    sheet = _outline(pose, -0.04, 3.5 * 0.012)
+    image = render(CAMERA, target, pose, Imaging(blur=0.8, noise=2, occluders=(sheet,), occluder=225))
+    cv2.fillPoly(image, [np.rint(_outline(pose, 6 * 0.012 + 0.008, 0.112)).astype(np.int32)], 90)
+    detection = target.detector().detect(image)
+    assert len(detection) == 0
+    assert detection.reason == "33 discs, but not which: too few of the holed ones are seen"
+
+
 @pytest.mark.parametrize(
     ("holed", "unmistakable"),
     [
