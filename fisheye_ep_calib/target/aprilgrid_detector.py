@@ -36,7 +36,7 @@ class AprilGridDetector:
         border = BORDER_CELLS / TAG_CELLS * target.tag_size
         if border < half[0]:
             depth[np.arange(len(bright)), np.where(bright < 0, 0, 1)] = border
-        self.around = Surroundings(half, bright, depth)
+        self.around = Surroundings(half, bright, depth, np.full(len(bright), target.tag_gap))
 
     def detect(self, image: np.ndarray) -> Detection:
         reason = check_image(image)

@@ -30,7 +30,7 @@ class CharucoDetector:
         half = np.full(len(bright), 0.5 * target.spacing)
         depth = np.repeat(half[:, None], 2, axis=1)
         depth[np.arange(len(bright)), np.where(bright > 0, 0, 1)] = (target.spacing - target.marker_size) / 2
-        self.around = Surroundings(half, bright, depth)
+        self.around = Surroundings(half, bright, depth, 2 * half)
 
     def detect(self, image: np.ndarray) -> Detection:
         reason = check_image(image)

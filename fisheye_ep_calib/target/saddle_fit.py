@@ -20,7 +20,10 @@ from scipy.special import erf
 HALF_SIDES = (2, 3, 4, 5, 6, 8, 10, 12)  # of the windows, pixels
 ROUNDS = 6  # of Gauss–Newton
 FIRST_BLUR = 1.0  # pixels
-MARGIN = 2.0  # pixels kept away from a marker for its blurred edge
+MARGIN = 3.0  # σ kept away from an edge that the picture lacks, as a marker's: 0.1 % of it is left there
+MOST_MARGIN = 0.9  # of the room up to that edge, so that enough of it is seen
+PLAY = 0.15  # of that room: markers are drawn, and boards printed, a little off
+SOFT = 0.3  # of the margin, over which the weight falls
 MOST_RESIDUAL = 0.35  # of the contrast
 LEAST_CONTRAST = 4.0  # grey values, half of white minus black
 
@@ -49,17 +52,19 @@ def fit_saddles(
     axes: np.ndarray,
     bend: np.ndarray | None = None,
     depth: np.ndarray | None = None,
+    end: np.ndarray | None = None,
 ) -> SaddleFit:
     """Fit corners that are near pixels (k, 2).
 
     axes (k, 2, 2): half sides of each corner's clear zone as columns, pixels. bend (k, 2, 3): second
     derivatives of the pixel with respect to (s, t) = ±1 at the zone's border, for ss, st and tt. depth (k,
     2): shares of the zone; pixels farther than that from both edges are left out, in the quadrants (+, +) and
-    (−, −), and in the other two.
+    (−, −), and in the other two. end (k,): how far the corner's edges go, half sides of the zone; twice without.
     """
     pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
     bend = np.zeros((len(pixels), 2, 3)) if bend is None else bend
     depth = np.ones((len(pixels), 2)) if depth is None else depth
+    end = np.full(len(pixels), 2.0) if end is None else end
     area = np.abs(np.linalg.det(axes))
     # Distance of the clear zone's sides from its middle: how far the window may reach.
     reach = np.maximum(area[:, None] / np.maximum(np.linalg.norm(axes, axis=1)[:, ::-1], 1e-9), 0.5)
@@ -77,6 +82,7 @@ def fit_saddles(
             bend[chosen],
             reach[chosen],
             depth[chosen],
+            end[chosen],
             HALF_SIDES[number],
         )
         for name in SaddleFit.__dataclass_fields__:
@@ -84,7 +90,7 @@ def fit_saddles(
     return out
 
 
-def _fit(image, pixels, axes, bend, reach, depth, half: int) -> SaddleFit:
+def _fit(image, pixels, axes, bend, reach, depth, end, half: int) -> SaddleFit:
     """Corners with a window of the same size: ±half pixels along the edges' normals."""
     steps = np.arange(-half, half + 1) / half
     first, second = (grid.ravel() for grid in np.meshgrid(steps, steps))
@@ -95,12 +101,12 @@ def _fit(image, pixels, axes, bend, reach, depth, half: int) -> SaddleFit:
     x, y = s * reach[:, :1], t * reach[:, 1:]
     bent = 0.5 * np.einsum("kij,kjn->kin", bend, np.stack([s * s, 2 * s * t, t * t], axis=1))
     offset = np.einsum("kij,kjn->kin", axes, np.stack([s, t], axis=1)) + bent
-    weight = _used(s, t, reach, depth)
     center, sigma = pixels.copy(), np.full(len(pixels), FIRST_BLUR)
     tilt = np.zeros((len(pixels), 2))
     step = np.full(len(pixels), np.inf)
     contrast, residual = np.full(len(pixels), 50.0), np.full(len(pixels), 5.0)
     for _ in range(ROUNDS):
+        weight = _weights(s, t, reach, depth, end, sigma)
         places = (center[:, :, None] + offset).astype(np.float32)
         values = cv2.remap(
             image, places[:, 0], places[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
@@ -144,13 +150,28 @@ def _fit(image, pixels, axes, bend, reach, depth, half: int) -> SaddleFit:
     )
 
 
-def _used(s: np.ndarray, t: np.ndarray, reach: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Weights (k, n), 0 or 1, of the samples: those that a marker's blurred edge may reach are left out."""
-    away = np.minimum(np.abs(s) * reach[:, :1], np.abs(t) * reach[:, 1:])
-    limit = np.where(s * t > 0, depth[:, :1], depth[:, 1:])
-    plain = np.where(s * t > 0, depth[:, :1] >= 1, depth[:, 1:] >= 1)
-    margin = np.minimum(MARGIN, 0.3 * limit * reach.min(axis=1, keepdims=True))
-    return (plain | (away < limit * reach.min(axis=1, keepdims=True) - margin)).astype(float)
+def _weights(
+    s: np.ndarray, t: np.ndarray, reach: np.ndarray, depth: np.ndarray, end: np.ndarray, sigma: np.ndarray
+) -> np.ndarray:
+    """Weights (k, n), 0 to 1, of the samples: those that a blurred edge may reach which the picture lacks are left out.
+
+    A marker fills a s > d, b t > d of the quadrant (a, b), d its depth; a sample is outside by the larger of the two
+    distances. The corner's own edges end at the lines |s| = end and |t| = end.
+    """
+    margin = MARGIN * sigma[:, None]
+
+    def away(limit: np.ndarray, where: np.ndarray, axis: int) -> np.ndarray:
+        """Distance (k, n) from the line at limit (k, 1), in margins."""
+        room = limit * reach[:, axis : axis + 1]
+        return (room - where * reach[:, axis : axis + 1]) / np.minimum(margin + PLAY * room, MOST_MARGIN * room)
+
+    clear = np.minimum(away(end[:, None], np.abs(s), 0), away(end[:, None], np.abs(t), 1))
+    for column, signs in enumerate((((1, 1), (-1, -1)), ((1, -1), (-1, 1)))):
+        marked = depth[:, column] < 1
+        for a, b in signs if marked.any() else ():
+            beside = np.maximum(away(depth[:, column, None], a * s, 0), away(depth[:, column, None], b * t, 1))
+            clear = np.where(marked[:, None], np.minimum(clear, beside), clear)
+    return np.clip((clear - 1 + SOFT) / SOFT, 0.0, 1.0)
 
 
 def _prior(

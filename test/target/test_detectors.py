@@ -112,6 +112,16 @@ def test_guided_detection_stands_a_rough_camera():
     assert np.median(np.linalg.norm(detection.pixels - truth[detection.point_index], axis=1)) < 0.015
 
 
+def test_blurred_tag_corners_keep_away_from_the_next_ones(request):
+    """Twelve pixels and less lie between tags, and the blur has σ = 2."""
+    target = shipped("aprilgrid_6x5", request)
+    pose = look_pose(target, 0.9, 0.4, 0.24, tilt=0.9)
+    found = target.detector().detect_guided(render(CAMERA, target, pose, Imaging(blur=2.0, noise=1)), CAMERA, pose)
+    error = found.pixels - feature_pixels(CAMERA, target, pose)[0][found.point_index]
+    assert len(found) >= 110
+    assert np.sqrt((error**2).sum(axis=1).mean()) < 0.04
+
+
 def load_target_named(name: str):
     return parse_target({"type": "circle_grid", "columns": 11, "rows": 7, "spacing": 0.012, "radius": 0.004}, name)
 
