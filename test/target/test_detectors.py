@@ -122,6 +122,25 @@ def test_blurred_tag_corners_keep_away_from_the_next_ones(request):
     assert np.sqrt((error**2).sum(axis=1).mean()) < 0.04
 
 
+@pytest.mark.parametrize("name", ["chessboard_9x6", "aprilgrid_6x5"])
+@pytest.mark.parametrize("blur", [1.0, 2.0])
+def test_light_that_falls_off_does_not_pull_corners(name, blur, request):
+    """Mean error towards the light: it would look like another r(θ)."""
+    target = shipped(name, request)
+    pose = look_pose(target, 1.0, 0.4, 0.2)
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    outward = truth - [CAMERA.cx, CAMERA.cy]
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    mean = []
+    for vignetting in (0.0, 0.9):
+        image = render(CAMERA, target, pose, Imaging(blur=blur, noise=1, vignetting=vignetting))
+        found = target.detector().detect_guided(image, CAMERA, pose)
+        index = found.point_index
+        assert len(found) >= 50
+        mean.append(((found.pixels - truth[index]) * outward[index]).sum(axis=1).mean())
+    assert abs(mean[1] - mean[0]) < 0.002
+
+
 def load_target_named(name: str):
     return parse_target({"type": "circle_grid", "columns": 11, "rows": 7, "spacing": 0.012, "radius": 0.004}, name)
 

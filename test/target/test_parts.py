@@ -146,7 +146,7 @@ def test_a_markers_blur_stays_out_of_the_fit(blur, begins):
         image = np.rint(picture).clip(0, 255).astype(np.uint8)
         fit = fit_saddles(image, place[None] + [0.4, -0.3], axes[None], depth=np.array([[begins / 20, 1.0]]))
         errors.append(fit.pixels[0] - place)
-    assert np.abs(np.mean(errors, axis=0)).max() < 0.01
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.015
 
 
 @pytest.mark.parametrize("radii", [(4.0, 3.2), (12.0, 7.0), (40.0, 35.0)])
