@@ -122,6 +122,15 @@ def test_blurred_tag_corners_keep_away_from_the_next_ones(request):
     assert np.sqrt((error**2).sum(axis=1).mean()) < 0.04
 
 
+def test_tag_corners_measured_on_their_neighbours_are_searched_again(request):
+    target = shipped("aprilgrid_6x5", request)
+    for angle, roll in ((0.2, 0.9), (0.6, 0.2)):
+        pose = look_pose(target, angle, 0.5, 0.16, tilt=0.35, roll=roll)
+        found = target.detector().detect(render(CAMERA, target, pose, Imaging(blur=0.7)))
+        assert len(found) == 120
+        assert np.abs(found.pixels - feature_pixels(CAMERA, target, pose)[0][found.point_index]).max() < 0.2
+
+
 @pytest.mark.parametrize("name", ["chessboard_9x6", "aprilgrid_6x5"])
 @pytest.mark.parametrize("blur", [1.0, 2.0])
 def test_light_that_falls_off_does_not_pull_corners(name, blur, request):
