@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fisheye_ep_calib.target.aruco import aruco_dictionary
+from fisheye_ep_calib.target.corner_contrast import detect_stretched
 from fisheye_ep_calib.target.corner_guidance import find_guided
 from fisheye_ep_calib.target.corner_measurement import Surroundings
 from fisheye_ep_calib.target.detection import Detection, check_image
@@ -36,6 +37,9 @@ class CharucoDetector:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
+        return detect_stretched(self._detect, image)
+
+    def _detect(self, image: np.ndarray) -> Detection:
         markers = find_markers(image, self.dictionary, 1, len(self.marker_points), "a ChArUco board")
         if len(markers.identity) == 0:
             return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)

@@ -122,6 +122,19 @@ def test_blurred_tag_corners_keep_away_from_the_next_ones(request):
     assert np.sqrt((error**2).sum(axis=1).mean()) < 0.04
 
 
+@pytest.mark.parametrize("name", ["chessboard_9x6", "charuco_10x7", "aprilgrid_6x5"])
+def test_boards_in_the_dark(name, request):
+    """White and black six grey values apart, noise of a third of one: 8-bit steps are most of what there is."""
+    target = shipped(name, request)
+    pose = look_pose(target, 0.5, 0.3, 0.15, tilt=0.3, roll=0.2)
+    imaging = Imaging(black=3, white=9, background=5, blur=0.8, noise=0.3)
+    image = render(CAMERA, target, pose, imaging)
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    for found in (target.detector().detect(image), target.detector().detect_guided(image, CAMERA, pose)):
+        assert len(found) >= 0.95 * len(truth)
+        assert found.pixels == pytest.approx(truth[found.point_index], abs=0.5)
+
+
 def test_tag_corners_measured_on_their_neighbours_are_searched_again(request):
     target = shipped("aprilgrid_6x5", request)
     for angle, roll in ((0.2, 0.9), (0.6, 0.2)):
