@@ -135,6 +135,15 @@ def test_a_marker_beside_the_corner_does_not_pull_it():
     assert np.hypot(*(fit.pixels[0] - place)) < 0.03
 
 
+def test_a_corner_with_nothing_to_see_is_no_error():
+    image = np.full((60, 60), 90, np.uint8)
+    for axes in (np.diag([1.0, 1.0]), np.diag([20.0, 0.3]), np.zeros((2, 2)), np.array([[5.0, 5.0], [5.0, 5.0]])):
+        for depth in (1.0, 0.3, 0.02):
+            limits = np.full((1, 2), depth), np.array([0.02])
+            fit = fit_saddles(image, np.array([[30.0, 30.0]]), axes[None], None, *limits)
+            assert not fit.good(np.ones(1))[0]
+
+
 @pytest.mark.parametrize("blur, begins", [(1.2, 3.5), (1.2, 5.0), (1.8, 5.0), (1.8, 7.0)])
 def test_a_markers_blur_stays_out_of_the_fit(blur, begins):
     """A marker in one quadrant, ``begins`` pixels from both edges of the corner; the mean shift of 20 corners."""
