@@ -28,6 +28,7 @@ DOTS_PER_INCH = 300
 DOTS_PER_MM = DOTS_PER_INCH / MM_PER_INCH
 MOST_DOTS = 12000  # a side of a PNG
 LETTER = 3.0  # mm
+STROKE, TICK = 0.2, 1.5  # mm: thickness of the ruler's lines, height of its strokes
 # What the user's own matplotlib settings may not change: the page's size, and edges where they are.
 _SETTINGS: Any = {
     "savefig.bbox": None,
@@ -104,7 +105,8 @@ def lay_out(target: Target, page: str, caption: str) -> Layout:
         placed[..., :2] += shift
         return placed
 
-    ruler = (MARGIN, page_height - MARGIN - 2.0)
+    # From the edge of a dot on, so that a PNG shows its length to the dot.
+    ruler = (np.ceil(MARGIN * DOTS_PER_MM) / DOTS_PER_MM, page_height - MARGIN - 2.0)
     text = f"{caption} · {_describe(target)} · print at 100 %: this line is {RULER:.0f} mm long"
     return Layout(
         page_width, page_height, place(artwork.quads), place(artwork.discs), place(artwork.holes), ruler, text
@@ -130,11 +132,17 @@ def _describe(target: Target) -> str:
     return f"{target.kind} {columns}×{rows}"
 
 
-def ruler_lines(layout: Layout) -> np.ndarray:
-    """The ruler's line and its tick marks, (12, 2, 2): ends, millimetres on the page."""
+def ruler_bars(layout: Layout) -> np.ndarray:
+    """The ruler's line and its eleven strokes as rectangles, (12, 4, 2) millimetres on the page.
+
+    The outer strokes lie within the line: from tip to tip it is 100 mm, however thick.
+    """
     x, y = layout.ruler
-    ticks = [((x + step, y - 1.5), (x + step, y)) for step in np.linspace(0, RULER, 11)]
-    return np.array([((x, y), (x + RULER, y)), *ticks])
+    half = STROKE / 2
+    middle = x + np.linspace(0, RULER, 11)
+    middle[[0, -1]] += [half, -half]
+    sides = [(x, x + RULER, y - half, y + half), *((m - half, m + half, y - TICK, y) for m in middle)]
+    return np.array([((left, top), (right, top), (right, low), (left, low)) for left, right, top, low in sides])
 
 
 def draw(layout: Layout, kind: str) -> bytes:
@@ -149,7 +157,6 @@ def draw(layout: Layout, kind: str) -> bytes:
 
 
 def _figure(layout: Layout) -> Figure:
-    from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
@@ -157,14 +164,14 @@ def _figure(layout: Layout) -> Figure:
     figure = Figure(figsize=(layout.width / MM_PER_INCH, layout.height / MM_PER_INCH))
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, layout.width), ylim=(layout.height, 0))
     axes.set_axis_off()
-    quads = [Outline(quad, closed=False) for quad in layout.quads[:, [0, 1, 2, 3, 0]]]
+    black = np.concatenate([layout.quads, ruler_bars(layout)])
+    quads = [Outline(quad, closed=False) for quad in black[:, [0, 1, 2, 3, 0]]]
     discs, holes = ([Outline.circle((x, y), r) for x, y, r in part] for part in (layout.discs, layout.holes))
     for outlines, colour in ((quads + discs, "black"), (holes, "white")):
         if outlines:
             # One outline for all: shapes that touch show no seam. Unsnapped: edges stay off the grid of dots.
             whole = Outline.make_compound_path(*outlines)
             axes.add_patch(PathPatch(whole, facecolor=colour, linewidth=0, snap=False))
-    axes.add_collection(LineCollection(ruler_lines(layout).tolist(), colors="black", linewidths=0.6, snap=False))
     x, y = layout.ruler
     size = LETTER / MM_PER_INCH * 72
     axes.text(x, y - 4, layout.caption, fontsize=size, color="black", parse_math=False)

@@ -7,6 +7,7 @@ import numpy as np
 from fisheye_ep_calib.target.aprilgrid import BORDER_CELLS, DICTIONARY
 from fisheye_ep_calib.target.aruco import aruco_dictionary
 from fisheye_ep_calib.target.charuco_detector import finish
+from fisheye_ep_calib.target.corner_contrast import detect_stretched
 from fisheye_ep_calib.target.corner_guidance import find_guided
 from fisheye_ep_calib.target.corner_measurement import Surroundings
 from fisheye_ep_calib.target.detection import Detection, check_image
@@ -36,12 +37,15 @@ class AprilGridDetector:
         border = BORDER_CELLS / TAG_CELLS * target.tag_size
         if border < half[0]:
             depth[np.arange(len(bright)), np.where(bright < 0, 0, 1)] = border
-        self.around = Surroundings(half, bright, depth)
+        self.around = Surroundings(half, bright, depth, np.full(len(bright), target.tag_gap))
 
     def detect(self, image: np.ndarray) -> Detection:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
+        return detect_stretched(self._detect, image)
+
+    def _detect(self, image: np.ndarray) -> Detection:
         markers = find_markers(image, self.dictionary, BORDER_CELLS, len(self.marker_points), "an AprilGrid")
         if len(markers.identity) == 0:
             return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fisheye_ep_calib.target.aruco import aruco_dictionary
+from fisheye_ep_calib.target.corner_contrast import detect_stretched
 from fisheye_ep_calib.target.corner_guidance import find_guided
 from fisheye_ep_calib.target.corner_measurement import Surroundings
 from fisheye_ep_calib.target.detection import Detection, check_image
@@ -30,12 +31,15 @@ class CharucoDetector:
         half = np.full(len(bright), 0.5 * target.spacing)
         depth = np.repeat(half[:, None], 2, axis=1)
         depth[np.arange(len(bright)), np.where(bright > 0, 0, 1)] = (target.spacing - target.marker_size) / 2
-        self.around = Surroundings(half, bright, depth)
+        self.around = Surroundings(half, bright, depth, 2 * half)
 
     def detect(self, image: np.ndarray) -> Detection:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
+        return detect_stretched(self._detect, image)
+
+    def _detect(self, image: np.ndarray) -> Detection:
         markers = find_markers(image, self.dictionary, 1, len(self.marker_points), "a ChArUco board")
         if len(markers.identity) == 0:
             return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.target.cells import is_regular, local_axes, local_bend, local_pitch, smooth
+from fisheye_ep_calib.target.corner_contrast import detect_stretched
 from fisheye_ep_calib.target.corner_growth import colour_parity, grow_corners
 from fisheye_ep_calib.target.corner_guidance import find_guided
 from fisheye_ep_calib.target.corner_measurement import Surroundings
@@ -56,6 +57,9 @@ class ChessboardDetector:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
+        return detect_stretched(self._detect, image)
+
+    def _detect(self, image: np.ndarray) -> Detection:
         best = Detection(reason="board not found")
         for cells, pixels in self._patches(image):
             if len(cells) < 4 or len(cells) <= len(best):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fisheye_ep_calib.target.corner_contrast import stretched
 from fisheye_ep_calib.target.corner_measurement import Surroundings, measure_corners
 from fisheye_ep_calib.target.corner_refinement import reach_of
 from fisheye_ep_calib.target.detection import Detection, check_image
@@ -25,6 +26,8 @@ def find_guided(
         return Detection(reason="board out of view")
     start, jacobian, around = expected.pixels[index], expected.plane_jacobian[index], around[index]
     bend = expect_bend(camera, camera_from_target, points[index], around.half, image.shape)
+    low, high = np.floor(start.min(axis=0)).astype(int), np.ceil(start.max(axis=0)).astype(int) + 1
+    image = stretched(image, image[low[1] : high[1], low[0] : high[0]])
     refined, good = measure_corners(image, start, jacobian, bend, around)
     if good.any():
         offset = refined[good] - start[good]

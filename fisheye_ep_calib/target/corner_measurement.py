@@ -17,20 +17,21 @@ class Surroundings:
     half (n,): within it, along both edges, there are the corner's two edges and no others but those of depth.
     bright (n,): +1 where the quadrants (+, +) and (−, −) are white, −1 where they are black. depth (n, 2):
     how far from both edges the quadrants (+, +) and (−, −), and the other two, are plain; a marker may begin
-    there.
+    there. end (n,): how long the corner's edges are.
     """
 
     half: np.ndarray
     bright: np.ndarray
     depth: np.ndarray
+    end: np.ndarray
 
     def __getitem__(self, chosen: np.ndarray) -> Surroundings:
-        return Surroundings(self.half[chosen], self.bright[chosen], self.depth[chosen])
+        return Surroundings(self.half[chosen], self.bright[chosen], self.depth[chosen], self.end[chosen])
 
     @staticmethod
     def plain(half: np.ndarray, bright: np.ndarray) -> Surroundings:
-        """Quadrants with nothing in them."""
-        return Surroundings(half, bright, np.repeat(half[:, None], 2, axis=1))
+        """Quadrants with nothing in them, of squares half of whose side is half."""
+        return Surroundings(half, bright, np.repeat(half[:, None], 2, axis=1), 2 * half)
 
 
 def measure_corners(
@@ -46,6 +47,7 @@ def measure_corners(
     clear_axes = clear[:, None, None] * jacobian
     coarse, good = refine_corners(image, start, reach_of(clear_axes))
     coarse = np.where(good[:, None], coarse, start)
-    fit = fit_saddles(image, coarse, axes, bend, around.depth / around.half[:, None])
+    depth, end = around.depth / around.half[:, None], around.end / around.half
+    fit = fit_saddles(image, coarse, axes, bend, depth, end)
     good = fit.good(around.bright) & looks_like_corner(image, fit.pixels, clear_axes, around.bright)
     return fit.pixels, good & (np.hypot(*(fit.pixels - start).T) < np.maximum(0.6 * reach_of(axes), 1.5))

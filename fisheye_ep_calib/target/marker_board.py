@@ -14,6 +14,7 @@ MANY_MARKERS = 4  # place what lies between them well enough for a short reach
 MOST_TRIES = 3  # to find a feature
 NEAR = 8  # features that predict one
 SAME_PLACE = 0.05  # of the pitch: two features nearer than this are one
+CLEARLY = 0.5  # of two on one place one stays, if it is off by less than this share of what the other is
 
 
 def corners_by_markers(
@@ -78,11 +79,11 @@ def complete_corners(
         measured, good = measure_corners(image, pixels[fresh], jacobian[fresh], bend, around[fresh])
         pixels[fresh[good]] = measured[good]
         found[fresh[good]] = True
+        found = _one_name_each(points, pixels, found, jacobian, step)
         tries[fresh] += number > 0
         if found.sum() < NEAR:
             break
         pixels, jacobian, fresh = _next_round(points, pixels, jacobian, found, tries >= MOST_TRIES, step)
-    found = _one_name_each(pixels, found, jacobian, step)
     if found.sum() >= NEAR:
         found = _consistent(points, pixels, found)
         found &= _measure_again(image, points, pixels, found, around)
@@ -102,16 +103,31 @@ def _next_round(points, pixels, jacobian, found, tried, step: float):
     return pixels, jacobian, fresh
 
 
-def _one_name_each(pixels: np.ndarray, found: np.ndarray, jacobian: np.ndarray, step: float) -> np.ndarray:
-    """The found features (n,) without those that lie where another one was found too."""
+def _one_name_each(
+    points: np.ndarray, pixels: np.ndarray, found: np.ndarray, jacobian: np.ndarray, step: float
+) -> np.ndarray:
+    """The found features (n,) without those that lie where another one was found too.
+
+    Of two on one spot the one stays that lies clearly nearer to where the features found elsewhere say, as a quadratic.
+    """
     index = np.flatnonzero(found)
-    found = found.copy()
-    if len(index) < 2:
-        return found
-    distance, near = cKDTree(pixels[index]).query(pixels[index], k=2)
     pitch = step * np.sqrt(np.abs(np.linalg.det(jacobian[index])))
-    found[index[distance[:, 1] < np.maximum(SAME_PLACE * pitch, 1.0)]] = False
-    return found
+    same = np.maximum(SAME_PLACE * pitch, 1.0)
+    pairs = cKDTree(pixels[index]).query_pairs(same.max(initial=0.0), output_type="ndarray")
+    apart = np.linalg.norm(pixels[index[pairs[:, 0]]] - pixels[index[pairs[:, 1]]], axis=1)
+    pairs = index[pairs[apart < same[pairs].max(axis=1)]]
+    single = found.copy()
+    single[pairs] = False
+    if len(pairs) == 0 or single.sum() < NEAR:
+        return single
+    rest = np.full(len(points), np.inf)
+    doubtful = np.unique(pairs)
+    where, _, _ = local_quadratics(points[single], pixels[single], points[doubtful])
+    rest[doubtful] = np.linalg.norm(where - pixels[doubtful], axis=1)
+    beaten = rest[pairs] > CLEARLY * rest[pairs[:, ::-1]]
+    single[doubtful] = True
+    single[pairs[beaten]] = False
+    return single
 
 
 def _consistent(points: np.ndarray, pixels: np.ndarray, found: np.ndarray) -> np.ndarray:

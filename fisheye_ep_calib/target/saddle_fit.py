@@ -3,10 +3,17 @@
 About a corner at pixel c the target's plane coordinates (s, t) map to c + axes (s, t) + ½ Σ bend (s², 2st,
 t²). With x and y the distances in pixels from the edges s = 0 and t = 0, the image is
 
-    I = m + p s + q t + b F(x) F(y),   F(x) = erf(x / (√2 σ))
+    I = L (m + b P) + b σ² ∇L·∇P,   L = 1 + α s + β t,   P = F(x) F(y),   F(x) = erf(x / (√2 σ))
 
-Gauss–Newton on the corner's place, σ and the directions of both edges; what enters linearly is solved for in
-each step.
+The light L multiplies: where it falls off, so does the contrast, and α b |x| F(y) looks much like a moved edge. It
+falls on sharp edges, and G * (s P₀) = s P + σ² ∇s·∇P for a blur G and P = G * P₀.
+
+Gauss–Newton on the corner's place, σ and the directions of both edges; what enters linearly is solved for in each
+step. Written as
+
+    I = m + α m (s (1 + κ P) + κ σ² ∇s·∇P) + β m (t (1 + κ P) + κ σ² ∇t·∇P) + b P,   κ = b / m
+
+these are m, α m, β m and b; κ, and L in ∂I = b L ∂P, are those of the step before.
 """
 
 from __future__ import annotations
@@ -20,8 +27,12 @@ from scipy.special import erf
 HALF_SIDES = (2, 3, 4, 5, 6, 8, 10, 12)  # of the windows, pixels
 ROUNDS = 6  # of Gauss–Newton
 FIRST_BLUR = 1.0  # pixels
-MARGIN = 2.0  # pixels kept away from a marker for its blurred edge
+MARGIN = 3.0  # σ kept away from an edge that the picture lacks, as a marker's: 0.1 % of it is left there
+MOST_MARGIN = 0.9  # of the room up to that edge, so that enough of it is seen
+PLAY = 0.15  # of that room: markers are drawn, and boards printed, a little off
+SOFT = 0.3  # of the margin, over which the weight falls
 MOST_RESIDUAL = 0.35  # of the contrast
+MOST_SLOPE = 0.5  # of the light, from the zone's middle to its side
 LEAST_CONTRAST = 4.0  # grey values, half of white minus black
 
 
@@ -49,17 +60,19 @@ def fit_saddles(
     axes: np.ndarray,
     bend: np.ndarray | None = None,
     depth: np.ndarray | None = None,
+    end: np.ndarray | None = None,
 ) -> SaddleFit:
     """Fit corners that are near pixels (k, 2).
 
     axes (k, 2, 2): half sides of each corner's clear zone as columns, pixels. bend (k, 2, 3): second
     derivatives of the pixel with respect to (s, t) = ±1 at the zone's border, for ss, st and tt. depth (k,
     2): shares of the zone; pixels farther than that from both edges are left out, in the quadrants (+, +) and
-    (−, −), and in the other two.
+    (−, −), and in the other two. end (k,): how far the corner's edges go, half sides of the zone; twice without.
     """
     pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
     bend = np.zeros((len(pixels), 2, 3)) if bend is None else bend
     depth = np.ones((len(pixels), 2)) if depth is None else depth
+    end = np.full(len(pixels), 2.0) if end is None else end
     area = np.abs(np.linalg.det(axes))
     # Distance of the clear zone's sides from its middle: how far the window may reach.
     reach = np.maximum(area[:, None] / np.maximum(np.linalg.norm(axes, axis=1)[:, ::-1], 1e-9), 0.5)
@@ -77,6 +90,7 @@ def fit_saddles(
             bend[chosen],
             reach[chosen],
             depth[chosen],
+            end[chosen],
             HALF_SIDES[number],
         )
         for name in SaddleFit.__dataclass_fields__:
@@ -84,7 +98,7 @@ def fit_saddles(
     return out
 
 
-def _fit(image, pixels, axes, bend, reach, depth, half: int) -> SaddleFit:
+def _fit(image, pixels, axes, bend, reach, depth, end, half: int) -> SaddleFit:
     """Corners with a window of the same size: ±half pixels along the edges' normals."""
     steps = np.arange(-half, half + 1) / half
     first, second = (grid.ravel() for grid in np.meshgrid(steps, steps))
@@ -94,33 +108,26 @@ def _fit(image, pixels, axes, bend, reach, depth, half: int) -> SaddleFit:
     t = np.minimum(half / reach[:, 1:], 0.95) * second[inside]
     x, y = s * reach[:, :1], t * reach[:, 1:]
     bent = 0.5 * np.einsum("kij,kjn->kin", bend, np.stack([s * s, 2 * s * t, t * t], axis=1))
-    offset = np.einsum("kij,kjn->kin", axes, np.stack([s, t], axis=1)) + bent
-    weight = _used(s, t, reach, depth)
+    plane = np.stack([s, t], axis=1)
+    offset = np.einsum("kij,kjn->kin", axes, plane) + bent
+    normals = _between_normals(axes)
     center, sigma = pixels.copy(), np.full(len(pixels), FIRST_BLUR)
     tilt = np.zeros((len(pixels), 2))
     step = np.full(len(pixels), np.inf)
     contrast, residual = np.full(len(pixels), 50.0), np.full(len(pixels), 5.0)
+    ratio, slope = np.zeros(len(pixels)), np.zeros((len(pixels), 2))  # κ, and α, β
     for _ in range(ROUNDS):
+        weight = _weights(s, t, reach, depth, end, sigma)
         places = (center[:, :, None] + offset).astype(np.float32)
         values = cv2.remap(
             image, places[:, 0], places[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
         skewed_x, skewed_y = x + tilt[:, :1] * y, y + tilt[:, 1:] * x
-        across, d_across = _edge(skewed_x, sigma)
-        along, d_along = _edge(skewed_y, sigma)
-        picture = across * along
-        columns = [
-            np.ones_like(s),
-            s,
-            t,
-            picture,
-            -d_across * along,
-            -across * d_along,
-            d_across * along * y,
-            across * d_along * x,
-            -(d_across * skewed_x * along + across * d_along * skewed_y) / sigma[:, None],
-        ]
-        design = np.stack(columns, axis=-1)
+        picture, moved = _picture(skewed_x, skewed_y, x, y, sigma)
+        spread = sigma[:, None, None] ** 2 / reach[..., None] * -np.einsum("kij,jkn->kin", normals, moved[:2])
+        lit = plane + ratio[:, None, None] * (plane * picture[:, None] + spread)
+        light = 1 + np.einsum("ki,kin->kn", slope, plane)
+        design = np.stack([np.ones_like(s), *np.moveaxis(lit, 1, 0), picture, *(light * moved)], axis=-1)
         values = values.astype(float)
         weighted = design * weight[..., None]
         normal = np.swapaxes(weighted, 1, 2) @ design
@@ -131,6 +138,9 @@ def _fit(image, pixels, axes, bend, reach, depth, half: int) -> SaddleFit:
         rest = values - np.einsum("kni,ki->kn", design, solved)
         residual = np.sqrt((weight * rest**2).sum(axis=1) / weight.sum(axis=1))
         contrast = solved[:, 3]
+        # No print is blacker than black.
+        level = np.maximum(solved[:, 0], np.abs(contrast) + 1e-3)
+        ratio, slope = contrast / level, np.clip(solved[:, 1:3] / level[:, None], -MOST_SLOPE, MOST_SLOPE)
         safe = np.where(np.abs(contrast) > 1e-3, contrast, 1e-3)
         change = solved[:, 4:] / safe[:, None]
         move = np.clip(change[:, :2], -1.0, 1.0) / reach
@@ -144,13 +154,35 @@ def _fit(image, pixels, axes, bend, reach, depth, half: int) -> SaddleFit:
     )
 
 
-def _used(s: np.ndarray, t: np.ndarray, reach: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Weights (k, n), 0 or 1, of the samples: those that a marker's blurred edge may reach are left out."""
-    away = np.minimum(np.abs(s) * reach[:, :1], np.abs(t) * reach[:, 1:])
-    limit = np.where(s * t > 0, depth[:, :1], depth[:, 1:])
-    plain = np.where(s * t > 0, depth[:, :1] >= 1, depth[:, 1:] >= 1)
-    margin = np.minimum(MARGIN, 0.3 * limit * reach.min(axis=1, keepdims=True))
-    return (plain | (away < limit * reach.min(axis=1, keepdims=True) - margin)).astype(float)
+def _between_normals(axes: np.ndarray) -> np.ndarray:
+    """Scalar products (k, 2, 2) of the unit normals of the edges s = 0 and t = 0: ∇s, ∇t times the reach."""
+    lengths = np.linalg.norm(axes, axis=1)
+    cosine = -(axes[:, :, 0] * axes[:, :, 1]).sum(axis=1) / np.maximum(lengths[:, 0] * lengths[:, 1], 1e-9)
+    return np.eye(2) + cosine[:, None, None] * np.array([[0.0, 1.0], [1.0, 0.0]])
+
+
+def _weights(
+    s: np.ndarray, t: np.ndarray, reach: np.ndarray, depth: np.ndarray, end: np.ndarray, sigma: np.ndarray
+) -> np.ndarray:
+    """Weights (k, n), 0 to 1, of the samples: those that a blurred edge may reach which the picture lacks are left out.
+
+    A marker fills a s > d, b t > d of the quadrant (a, b), d its depth; a sample is outside by the larger of the two
+    distances. The corner's own edges end at the lines |s| = end and |t| = end.
+    """
+    margin = MARGIN * sigma[:, None]
+
+    def away(limit: np.ndarray, where: np.ndarray, axis: int) -> np.ndarray:
+        """Distance (k, n) from the line at limit (k, 1), in margins."""
+        room = limit * reach[:, axis : axis + 1]
+        return (room - where * reach[:, axis : axis + 1]) / np.minimum(margin + PLAY * room, MOST_MARGIN * room)
+
+    clear = np.minimum(away(end[:, None], np.abs(s), 0), away(end[:, None], np.abs(t), 1))
+    for column, signs in enumerate((((1, 1), (-1, -1)), ((1, -1), (-1, 1)))):
+        marked = depth[:, column] < 1
+        for a, b in signs if marked.any() else ():
+            beside = np.maximum(away(depth[:, column, None], a * s, 0), away(depth[:, column, None], b * t, 1))
+            clear = np.where(marked[:, None], np.minimum(clear, beside), clear)
+    return np.clip((clear - 1 + SOFT) / SOFT, 0.0, 1.0)
 
 
 def _prior(
@@ -159,20 +191,34 @@ def _prior(
     """What is expected of the nine unknowns, in units of the normal equations: strengths and values, each (k,
     9).
 
-    A small window cannot tell everything: the slopes of brightness are expected within a fifth of the
-    contrast, the edges' directions within 0.05, the blur within 0.3 of its usual value; the place is left
-    free.
+    A small window cannot tell everything: the light's slopes α m, β m are expected within a fiftieth of
+    the contrast, the edges' directions within 0.05, the blur within 0.3 of its usual value; the place is left
+    free, and so are m and b but where no sample tells them.
     """
     variance = np.maximum(residual, 1.0) ** 2
     scale = np.maximum(np.abs(contrast), 4.0)
     strength = np.zeros((len(contrast), 9))
-    for columns, allowed in (((1, 2), 0.2), ((4, 5), 1.0), ((6, 7), 0.05), ((8,), 0.3)):
+    for columns, allowed in (((0, 3), 100.0), ((1, 2), 0.02), ((4, 5), 1.0), ((6, 7), 0.05), ((8,), 0.3)):
         for column in columns:
             strength[:, column] = variance / (allowed * scale) ** 2
     drawn = np.zeros_like(strength)
     drawn[:, 6:8] = -tilt * contrast[:, None]
     drawn[:, 8] = (np.median(sigma) - sigma) * contrast
     return strength, drawn
+
+
+def _picture(
+    skewed_x: np.ndarray, skewed_y: np.ndarray, x: np.ndarray, y: np.ndarray, sigma: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """P (k, n) at samples x, y (k, n), with tilted edges skewed_x, skewed_y (k, n) pixels away.
+
+    Also its derivatives (5, k, n) by the corner's place along x and y, the tilts of both edges, and σ.
+    """
+    across, d_across = _edge(skewed_x, sigma)
+    along, d_along = _edge(skewed_y, sigma)
+    by_x, by_y = d_across * along, across * d_along
+    by_sigma = -(by_x * skewed_x + by_y * skewed_y) / sigma[:, None]
+    return across * along, np.stack([-by_x, -by_y, by_x * y, by_y * x, by_sigma])
 
 
 def _edge(distance: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.report.printing import DOTS_PER_MM, lay_out, ruler_lines, write_target
+from fisheye_ep_calib.report.printing import DOTS_PER_MM, lay_out, ruler_bars, write_target
 from fisheye_ep_calib.target import load_target
 from fisheye_ep_calib.target.circle_grid import CircleGrid
 
@@ -54,7 +54,7 @@ def test_the_png_is_found_and_to_scale(target, tmp_path):
     write_target(target, path)
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     check_scale(target, image)
-    assert ruler_length(image) == pytest.approx(100, abs=0.4)
+    assert ruler_length(image) == pytest.approx(100, abs=0.05)
     content = path.read_bytes()
     resolution = content[content.index(b"pHYs") + 4 :][:9]
     assert resolution == (11811).to_bytes(4, "big") * 2 + b"\x01"  # dots per metre
@@ -70,7 +70,7 @@ def test_the_pdf_is_found_and_to_scale(target, tmp_path):
     subprocess.run([tool, "-r", "300", "-gray", "-singlefile", path, tmp_path / "page"], check=True)
     image = cv2.imread(str(tmp_path / "page.pgm"), cv2.IMREAD_GRAYSCALE)
     check_scale(target, image, dots=0.3)  # poppler moves edges to whole dots
-    assert ruler_length(image) == pytest.approx(100, abs=0.4)
+    assert ruler_length(image) == pytest.approx(100, abs=0.05)
 
 
 def test_the_svg_holds_every_shape(target, tmp_path):
@@ -113,9 +113,9 @@ def test_printing_alone_needs_matplotlib():
 
 
 def test_the_ruler_is_100_mm(target):
-    first, last = ruler_lines(lay_out(target, "a4", "t"))[0]
-    assert last[0] - first[0] == pytest.approx(100)
-    assert last[1] == first[1]
+    bars = ruler_bars(lay_out(target, "a4", "t"))
+    assert np.ptp(bars[..., 0]) == pytest.approx(100)  # from tip to tip
+    assert np.ptp(bars[0, :, 0]) == pytest.approx(100)
 
 
 def test_what_does_not_fit_is_refused(tmp_path):

@@ -137,6 +137,57 @@ def test_light_that_falls_across_a_lone_row_of_discs_does_not_pull_them():
     assert abs(((detection.pixels - seen) * outward).sum(axis=1).mean()) < 1e-3
 
 
+def test_blurred_tag_corners_keep_away_from_the_next_ones(request):
+    """Twelve pixels and less lie between tags, and the blur has σ = 2."""
+    target = shipped("aprilgrid_6x5", request)
+    pose = look_pose(target, 0.9, 0.4, 0.24, tilt=0.9)
+    found = target.detector().detect_guided(render(CAMERA, target, pose, Imaging(blur=2.0, noise=1)), CAMERA, pose)
+    error = found.pixels - feature_pixels(CAMERA, target, pose)[0][found.point_index]
+    assert len(found) >= 110
+    assert np.sqrt((error**2).sum(axis=1).mean()) < 0.04
+
+
+@pytest.mark.parametrize("name", ["chessboard_9x6", "charuco_10x7", "aprilgrid_6x5"])
+def test_boards_in_the_dark(name, request):
+    """White and black six grey values apart, noise of a third of one: 8-bit steps are most of what there is."""
+    target = shipped(name, request)
+    pose = look_pose(target, 0.5, 0.3, 0.15, tilt=0.3, roll=0.2)
+    imaging = Imaging(black=3, white=9, background=5, blur=0.8, noise=0.3)
+    image = render(CAMERA, target, pose, imaging)
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    for found in (target.detector().detect(image), target.detector().detect_guided(image, CAMERA, pose)):
+        assert len(found) >= 0.95 * len(truth)
+        assert found.pixels == pytest.approx(truth[found.point_index], abs=0.5)
+
+
+def test_tag_corners_measured_on_their_neighbours_are_searched_again(request):
+    target = shipped("aprilgrid_6x5", request)
+    for angle, roll in ((0.2, 0.9), (0.6, 0.2)):
+        pose = look_pose(target, angle, 0.5, 0.16, tilt=0.35, roll=roll)
+        found = target.detector().detect(render(CAMERA, target, pose, Imaging(blur=0.7)))
+        assert len(found) == 120
+        assert np.abs(found.pixels - feature_pixels(CAMERA, target, pose)[0][found.point_index]).max() < 0.2
+
+
+@pytest.mark.parametrize("name", ["chessboard_9x6", "aprilgrid_6x5"])
+@pytest.mark.parametrize("blur", [1.0, 2.0])
+def test_light_that_falls_off_does_not_pull_corners(name, blur, request):
+    """Mean error towards the light: it would look like another r(θ)."""
+    target = shipped(name, request)
+    pose = look_pose(target, 1.0, 0.4, 0.2)
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    outward = truth - [CAMERA.cx, CAMERA.cy]
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    mean = []
+    for vignetting in (0.0, 0.9):
+        image = render(CAMERA, target, pose, Imaging(blur=blur, noise=1, vignetting=vignetting))
+        found = target.detector().detect_guided(image, CAMERA, pose)
+        index = found.point_index
+        assert len(found) >= 50
+        mean.append(((found.pixels - truth[index]) * outward[index]).sum(axis=1).mean())
+    assert abs(mean[1] - mean[0]) < 0.002
+
+
 def load_target_named(name: str):
     return parse_target({"type": "circle_grid", "columns": 11, "rows": 7, "spacing": 0.012, "radius": 0.004}, name)
 

@@ -68,6 +68,15 @@ def test_hostile_images_where_a_board_is_expected(detector):
             assert len(detector.detect_guided(image, camera, pose)) <= 2, name
 
 
+def test_nothing_but_a_little_noise(detector):
+    rng = np.random.default_rng(3)
+    for level, noise in ((3, 0.6), (10, 1.5), (60, 4)):
+        image = rng.normal(level, noise, (600, 800)).round().clip(0, 255).astype(np.uint8)
+        assert len(detector.detect(image)) == 0, (level, noise)
+    for seed in range(3):
+        assert len(detector.detect(clutter_image(seed) // 12)) == 0, seed
+
+
 def test_clutter(detector):
     for seed in range(12):
         assert len(detector.detect(clutter_image(seed))) == 0, seed

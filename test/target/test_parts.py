@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from scipy.special import erf
+from scipy.special import erf, ndtr
 
 from fisheye_ep_calib.target.cells import extrapolate, line_residuals
 from fisheye_ep_calib.target.disc_measurement import measure_discs
@@ -145,6 +145,29 @@ def test_a_marker_beside_the_corner_does_not_pull_it():
     image[48:60, 48:60] = 30
     fit = fit_saddles(image, place[None], axes[None], depth=np.array([[0.35, 1.0]]))
     assert np.hypot(*(fit.pixels[0] - place)) < 0.03
+
+
+def test_a_corner_with_nothing_to_see_is_no_error():
+    image = np.full((60, 60), 90, np.uint8)
+    for axes in (np.diag([1.0, 1.0]), np.diag([20.0, 0.3]), np.zeros((2, 2)), np.array([[5.0, 5.0], [5.0, 5.0]])):
+        for depth in (1.0, 0.3, 0.02):
+            limits = np.full((1, 2), depth), np.array([0.02])
+            fit = fit_saddles(image, np.array([[30.0, 30.0]]), axes[None], None, *limits)
+            assert not fit.good(np.ones(1))[0]
+
+
+@pytest.mark.parametrize("blur, begins", [(1.2, 3.5), (1.2, 5.0), (1.8, 5.0), (1.8, 7.0)])
+def test_a_markers_blur_stays_out_of_the_fit(blur, begins):
+    """A marker in one quadrant, ``begins`` pixels from both edges of the corner; the mean shift of 20 corners."""
+    axes, errors = np.diag([20.0, 20.0]), []
+    for place in np.random.default_rng(0).uniform(39, 41, (20, 2)):
+        u, v = np.meshgrid(np.arange(81.0) - place[0], np.arange(81.0) - place[1])
+        marker = ndtr((u - begins) / blur) * ndtr((v - begins) / blur)
+        picture = 125 + 95 * erf(u / (np.sqrt(2) * blur)) * erf(v / (np.sqrt(2) * blur)) - 190 * marker
+        image = np.rint(picture).clip(0, 255).astype(np.uint8)
+        fit = fit_saddles(image, place[None] + [0.4, -0.3], axes[None], depth=np.array([[begins / 20, 1.0]]))
+        errors.append(fit.pixels[0] - place)
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.015
 
 
 @pytest.mark.parametrize("radii", [(4.0, 3.2), (12.0, 7.0), (40.0, 35.0)])
