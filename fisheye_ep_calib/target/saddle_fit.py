@@ -191,14 +191,14 @@ def _prior(
     """What is expected of the nine unknowns, in units of the normal equations: strengths and values, each (k,
     9).
 
-    A small window cannot tell everything: the light's slopes α m, β m are expected within a fiftieth of
+    A small window cannot tell everything: the light's slopes α m, β m are expected within a tenth of
     the contrast, the edges' directions within 0.05, the blur within 0.3 of its usual value; the place is left
     free, and so are m and b but where no sample tells them.
     """
     variance = np.maximum(residual, 1.0) ** 2
     scale = np.maximum(np.abs(contrast), 4.0)
     strength = np.zeros((len(contrast), 9))
-    for columns, allowed in (((0, 3), 100.0), ((1, 2), 0.02), ((4, 5), 1.0), ((6, 7), 0.05), ((8,), 0.3)):
+    for columns, allowed in (((0, 3), 100.0), ((1, 2), 0.1), ((4, 5), 1.0), ((6, 7), 0.05), ((8,), 0.3)):
         for column in columns:
             strength[:, column] = variance / (allowed * scale) ** 2
     drawn = np.zeros_like(strength)
