@@ -14,6 +14,7 @@ from fisheye_ep_calib.target.detection import Detection
 
 SMALL_RANGE = 128.0  # grey values: an image that spans no more is stretched
 LOW, HIGH = 0.5, 99.5  # percentiles: lamps and dead pixels are no part of the range
+ROOM = 0.1  # of the range, left at both ends: light that varies over the board must not saturate
 LEAST_RANGE = 4.0  # grey values: the rounding of less is no picture
 SAMPLES = 512  # pixels a side to tell the range from
 
@@ -28,6 +29,7 @@ def stretched(image: np.ndarray, part: np.ndarray | None = None) -> np.ndarray:
     low, high = np.percentile(sample, (LOW, HIGH)) if sample.size else (0.0, 0.0)
     if not LEAST_RANGE <= high - low < SMALL_RANGE:
         return image
+    low, high = low - ROOM * (high - low), high + ROOM * (high - low)
     table = np.rint((np.arange(256) - low) * (255 / (high - low))).clip(0, 255).astype(np.uint8)
     return table[image]
 
