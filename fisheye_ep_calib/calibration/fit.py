@@ -20,6 +20,7 @@ from fisheye_ep_calib.calibration.adjustment import (
 )
 from fisheye_ep_calib.calibration.board_warp import WARP_NAMES, board_frame
 from fisheye_ep_calib.calibration.initialization import initial_guess
+from fisheye_ep_calib.calibration.levenberg_marquardt import CONVERGED
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.prediction import FeatureModel
 from fisheye_ep_calib.calibration.robust import LINEAR, Loss, robust_spread
@@ -203,10 +204,16 @@ def _cauchy(problem: AdjustmentProblem, state: AdjustmentState, observations: Ob
     return replace(problem, loss=Loss("cauchy", max(2 * spread, 1e-6)))
 
 
-def refine(start: Fit, structure: Structure, sightings: Sightings | None = None, loss: Loss | None = None) -> Fit:
+def refine(
+    start: Fit,
+    structure: Structure,
+    sightings: Sightings | None = None,
+    loss: Loss | None = None,
+    tolerance: float = CONVERGED,
+) -> Fit:
     """Step (iii): fit a structure from where another one ended, to convergence.
 
-    sightings, loss: default to the start's sightings and to theirs.
+    sightings, loss: default to the start's sightings and to theirs. tolerance: on the cost (levenberg_marquardt.py).
     """
     sightings = sightings or start.sightings
     state = start.state
@@ -229,16 +236,22 @@ def refine(start: Fit, structure: Structure, sightings: Sightings | None = None,
             f"{sightings.point_count} points give {2 * sightings.point_count} equations for {unknowns} unknowns: "
             "record more views or views with more of the target's points"
         )
-    return adjusted(structure, sightings, problem, AdjustmentState(camera, poses, warp))
+    return adjusted(structure, sightings, problem, AdjustmentState(camera, poses, warp), tolerance)
 
 
-def adjusted(structure: Structure, sightings: Sightings, problem: AdjustmentProblem, state: AdjustmentState) -> Fit:
+def adjusted(
+    structure: Structure,
+    sightings: Sightings,
+    problem: AdjustmentProblem,
+    state: AdjustmentState,
+    tolerance: float = CONVERGED,
+) -> Fit:
     """Adjust to convergence, with a wider limit of the incidence angle where the fit comes near it.
 
     A start far from the truth (pixels that are not square, a centre far off) may have set the limit too low.
     """
-    fit = Fit(structure, sightings, problem, adjust(problem, state))
+    fit = Fit(structure, sightings, problem, adjust(problem, state, tolerance=tolerance))
     while problem.theta_limit < np.pi and np.nanmax(fit.residuals[1]) > _AT_THE_LIMIT * problem.theta_limit:
         problem = replace(problem, theta_limit=float(min(np.pi, 1.2 * problem.theta_limit + 0.1)))
-        fit = Fit(structure, sightings, problem, adjust(problem, fit.state))
+        fit = Fit(structure, sightings, problem, adjust(problem, fit.state, tolerance=tolerance))
     return fit
