@@ -10,8 +10,13 @@ import threading
 from collections.abc import Iterator
 from multiprocessing import resource_tracker
 
-# Workers share the cores: each keeps to one thread, which also keeps sums in one order.
-_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+_ENVIRONMENT = {
+    # Workers share the cores: each keeps to one thread, which also keeps sums in one order.
+    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
+    # Bytes. glibc gives a block of an image's size back as it is freed, and the next one faults its pages in anew.
+    "MALLOC_MMAP_THRESHOLD_": str(2**26),
+    "MALLOC_TRIM_THRESHOLD_": str(2**27),
+}
 
 _starting = threading.Lock()
 
