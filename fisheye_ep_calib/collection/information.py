@@ -29,7 +29,7 @@ POINTS_A_VIEW = 40  # enough to tell views apart
 # Fractions of the image height: a target that moved less repeats the same errors; its image adds nothing new.
 LEAST_MOTION = 0.006
 MOST_OVERSHOOT = 1.3  # of the nearest and the farthest distance seen
-_ENOUGH = 1e-4  # of the cost: what follows is rougher
+ENOUGH = 1e-4  # of the cost: what follows is rougher
 ROUGH_FIT = 0.02  # median residual above which the rough camera is not to be trusted
 
 
@@ -79,7 +79,7 @@ def _rough_camera(
             image_size,
         )
         plain = first_fit(sightings_of(observations), robust=True)
-        fit = refine(plain, Structure("ep_even", skew=False), loss=plain.problem.loss, tolerance=_ENOUGH)
+        fit = refine(plain, Structure("ep_even", skew=False), loss=plain.problem.loss, tolerance=ENOUGH)
     except (CalibrationError, np.linalg.LinAlgError):
         return None
     error = np.linalg.norm(fit.residuals[0], axis=-1)

@@ -165,19 +165,19 @@ def _say_what_differs(finished: list[Device], arguments: argparse.Namespace) -> 
         folder = arguments.output / device.name
         try:
             made = json.loads((folder / RECORD).read_text("utf-8"))
-            other = [f"another --{key.replace('_', '-')}" for key, value in made["options"].items()
-                     if key in given and given[key] != value]  # fmt: skip
+            changed = [key for key, value in made["options"].items() if key in given and given[key] != value]
             sources = {camera["inputs"]["source"] for camera in made["cameras"].values()}
             seen = [load_observations(folder / "observations" / f"{name}.npz") for name in list(made["cameras"])[:1]]
         except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
             continue
+        other = [f"another --{key.replace('_', '-')}" for key in changed]
         if target is not None and any(not _shows(one, target) for one in seen):
             other.append("another --target")
         if _resolved(", ".join(map(str, device.sources))) not in map(_resolved, sources):
             other.append("another recording")
         if other:
-            print(f"warning: {device.name} was calibrated before with {other[0]}; --overwrite calibrates it again",
-                  file=sys.stderr)  # fmt: skip
+            before = f"{device.name} was calibrated before with {other[0]}"
+            print(f"warning: {before}; --overwrite calibrates it again", file=sys.stderr)
 
 
 def _shows(observations: Observations, target: Target) -> bool:
@@ -186,4 +186,5 @@ def _shows(observations: Observations, target: Target) -> bool:
 
 
 def _resolved(sources: str) -> list[Path]:
+    """Paths as ``inputs.source`` of calibration.json has them, seen from here."""
     return [Path(source).resolve() for source in sources.split(", ")]

@@ -14,6 +14,16 @@ from fisheye_ep_calib.target import parse_target
 from fisheye_ep_calib.target.sharpness import edge_blur
 
 CAMERA, DISCS = paper_camera(), paper_target()
+HOLED = parse_target(
+    {
+        "type": "circle_grid",
+        "columns": 11,
+        "rows": 7,
+        "spacing": 0.012,
+        "radius": 0.004,
+        "holed": [[5, 3], [6, 3], [5, 2]],
+    }
+)
 BOARDS = {
     "circle_grid": DISCS,
     "chessboard": parse_target({"type": "chessboard", "columns": 9, "rows": 6, "spacing": 0.012}),
@@ -71,16 +81,7 @@ def test_a_board_of_which_too_little_is_seen():
 
 
 def test_a_board_whose_marks_are_hidden_is_not_guessed():
-    target = parse_target(
-        {
-            "type": "circle_grid",
-            "columns": 11,
-            "rows": 7,
-            "spacing": 0.012,
-            "radius": 0.004,
-            "holed": [[5, 3], [6, 3], [5, 2]],
-        }
-    )
+    target = HOLED
     pose = look_pose(target, 0.2, 0.4, 0.12, tilt=0.3)
     seen = target.detector().detect(render(CAMERA, target, pose, Imaging(blur=0.8, noise=2)))
     assert len(seen) == 77
@@ -100,16 +101,7 @@ def _outline(pose, top: float, bottom: float) -> np.ndarray:
 
 
 def test_a_sheet_of_paper_over_the_marks_is_not_taken_for_plain_board():
-    target = parse_target(
-        {
-            "type": "circle_grid",
-            "columns": 11,
-            "rows": 7,
-            "spacing": 0.012,
-            "radius": 0.004,
-            "holed": [[5, 3], [6, 3], [5, 2]],
-        }
-    )
+    target = HOLED
     pose = look_pose(target, 0.2, 0.4, 0.12, tilt=0.3)
     # A sheet as white as the board covers all but the last three rows and lies over the board's edge; beyond the last
     # row the board ends.
