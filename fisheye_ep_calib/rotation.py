@@ -51,11 +51,16 @@ def motion_jacobian(arms: np.ndarray) -> np.ndarray:
     return np.concatenate([turn, np.broadcast_to(np.eye(3), turn.shape)], axis=-1)
 
 
-def moved_poses(poses: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Poses (..., 4, 4) after steps (..., 6) = (ω, δt): R ← exp(ω) R, t ← t + δt; rad, metres."""
+def moved_poses(poses: np.ndarray, step: np.ndarray, pivot: np.ndarray | None = None) -> np.ndarray:
+    """Poses (..., 4, 4) after steps (..., 6) = (ω, δt): R ← exp(ω) R, R c + t ← R c + t + δt; rad, metres.
+
+    pivot c (3,): the point of the posed frame about which to turn, its origin where None.
+    """
     moved = poses.copy()
     moved[..., :3, :3] = rotation_from_vector(step[..., :3]) @ poses[..., :3, :3]
     moved[..., :3, 3] += step[..., 3:]
+    if pivot is not None:
+        moved[..., :3, 3] += (poses[..., :3, :3] - moved[..., :3, :3]) @ pivot
     return moved
 
 

@@ -133,7 +133,8 @@ def stepped(problem: AdjustmentProblem, state: AdjustmentState, step) -> Adjustm
         camera = state.camera.with_parameters(parameters)
     except InputError:
         return None
-    return AdjustmentState(camera, moved_poses(state.camera_from_target, step.pose), warp)
+    poses = moved_poses(state.camera_from_target, step.pose, problem.features.board.middle)
+    return AdjustmentState(camera, poses, warp)
 
 
 def adjust(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.adjustment import adjust
 from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.model_selection import Candidate, Search, candidate, choose, supported_pupils
 from fisheye_ep_calib.calibration.observations import Observations
@@ -24,6 +25,8 @@ PRINTED_FORM = "ep_odd_target_axis"
 DISC_CENTERS = ("unbiased", "naive")
 LOSSES = ("cut", "huber")
 _NO_CAMERA = 0.02  # median error over the longer side of the image
+_LOOSE = 0.2  # σ of a focal length over its value, at which it counts as unknown
+_SURE = 0.05  # and below which the linear σ is to be believed
 
 
 @dataclass(frozen=True)
@@ -185,13 +188,37 @@ def _refuse_undetermined(fit: Fit) -> None:
             f"no camera explains the points (half of them are off by {middle:.0f} px or more): "
             "check that the target file describes the board in the images"
         )
-    _, values = fit.shared_parameters
-    try:
-        variance = np.diag(uncertainty(fit).shared)[:2]
-    except np.linalg.LinAlgError:
-        variance = np.full(2, np.inf)
-    if not ((variance >= 0) & (variance <= (0.2 * values[:2]) ** 2)).all():
+    if not _focal_length_determined(fit):
         raise CalibrationError(
             "the views do not determine the focal length (its standard deviation is over a fifth of its value): "
             "tilt the target differently between the views and show it near and far"
         )
+
+
+def _focal_length_determined(fit: Fit) -> bool:
+    """Whether it is known to a fifth, also by the likelihood itself where the linear σ is not small.
+
+    Where views leave it open, the valley of equal cost bends: σ may look small where the fit happened to stop.
+    """
+    _, values = fit.shared_parameters
+    try:
+        found = uncertainty(fit)
+    except np.linalg.LinAlgError:
+        return False
+    variance = np.diag(found.shared)[:2]
+    if not ((variance >= 0) & (variance <= (_LOOSE * values[:2]) ** 2)).all():
+        return False
+    if (variance <= (_SURE * values[:2]) ** 2).all():
+        return True
+    least = fit.adjustment.equations.cost + 0.5 * found.sigma_px**2
+    return all(_cost_at(fit, scale) > least for scale in (1 + _LOOSE, 1 / (1 + _LOOSE)))
+
+
+def _cost_at(fit: Fit, scale: float) -> float:
+    """The least cost, px², with both focal lengths held at so many times their values; ∞ where there is no such camera.
+    """
+    camera = fit.state.camera
+    held = replace(fit.problem, free=fit.problem.free & ~np.isin(camera.parameter_names, ("fx", "fy")))
+    moved = replace(camera, fx=scale * camera.fx, fy=scale * camera.fy)
+    found = adjust(replace(held, theta_limit=np.pi), replace(fit.state, camera=moved)).equations
+    return found.cost if found.valid else np.inf

@@ -37,7 +37,8 @@ class FeatureModel:
 class Prediction:
     """pixels (2, B, N); valid (B, N); theta (B, N) rad of the point, the mean over a disc's boundary.
 
-    d_pose (2, 6, B, N): by (ω, δt) of R ← exp(ω) R, t ← t + δt. d_camera (2, P, B, N): by camera.parameters.
+    d_pose (2, 6, B, N): by (ω, δt) of a pose that turns about the board's middle (rotation.moved_poses): about an
+    origin metres away, the least turn would carry the board off. d_camera (2, P, B, N): by camera.parameters.
     d_warp (2, 3, B, N).
     """
 
@@ -120,11 +121,13 @@ def _predict_points(
     if not jacobian:
         return Prediction(pixels, found.valid, found.theta)
     d_point = found.d_point
+    middle = (camera_from_target[:, :3, :3] @ features.board.middle).T[..., None]
+    arms = [rotated[i] - middle[i] for i in range(3)]
     d_pose = np.empty((2, 6, *found.u.shape))
     for row in range(2):
-        d_pose[row, 0] = rotated[1] * d_point[row, 2] - rotated[2] * d_point[row, 1]
-        d_pose[row, 1] = rotated[2] * d_point[row, 0] - rotated[0] * d_point[row, 2]
-        d_pose[row, 2] = rotated[0] * d_point[row, 1] - rotated[1] * d_point[row, 0]
+        d_pose[row, 0] = arms[1] * d_point[row, 2] - arms[2] * d_point[row, 1]
+        d_pose[row, 1] = arms[2] * d_point[row, 0] - arms[0] * d_point[row, 2]
+        d_pose[row, 2] = arms[0] * d_point[row, 1] - arms[1] * d_point[row, 0]
     d_pose[:, 3:] = d_point
     d_warp = not_computed()
     if warp_jacobian:

@@ -64,9 +64,10 @@ def _gauge(fit: Fit) -> np.ndarray:
             jacobian=True,
             warp_jacobian=fit.problem.warp_free,
         )
-        # d_pose turns about the target's origin; turning about the camera's adds t × ∂pixel/∂p.
+        # d_pose turns about the board's middle c; turning about the camera's origin adds c × ∂pixel/∂p.
         columns = found.d_pose * block.weights
-        offset, d_point = poses[:, :3, 3, None], columns[:, 3:]
+        middle = poses[:, :3, :3] @ fit.problem.features.board.middle + poses[:, :3, 3]
+        offset, d_point = middle[..., None], columns[:, 3:]
         turn = columns[:, :3].copy()
         for axis in range(3):
             after, last = (axis + 1) % 3, (axis + 2) % 3

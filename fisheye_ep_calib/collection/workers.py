@@ -26,7 +26,7 @@ from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.detection import Detection, Detector
 from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
 
-QUEUED_A_WORKER = 2
+QUEUED_A_WORKER = 6  # images, so that workers go on while the next round is planned
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,9 @@ class FrameWorkers:
                 self._waiting.popleft()
 
     def _gather(self) -> None:
+        if not self._running:  # the workers died while they had nothing to do, and take nothing any more
+            self._end_pool()
+            return
         try:
             for future in wait(self._running, return_when=FIRST_COMPLETED).done:
                 self._ready.append(future.result())
@@ -105,10 +108,17 @@ class FrameWorkers:
             self._fill()
 
     def _find_culprit(self) -> None:
-        """A worker died on an image: each that was in work gets the workers to itself."""
-        suspects = list(self._running.values())
+        """A worker died on an image: each that was in work gets the workers to itself, the others wait again."""
+        unfinished = []
+        for future, job in self._running.items():
+            if future.exception() is None:
+                self._ready.append(future.result())
+            else:
+                unfinished.append(job)
         self._running.clear()
-        for job in suspects:
+        in_work = self._workers + 1  # images are taken in order, and an answer may have been lost
+        self._waiting.extendleft(reversed(unfinished[in_work:]))
+        for job in unfinished[:in_work]:
             self._end_pool()
             try:
                 self._ready.append(self._submit(job).result())

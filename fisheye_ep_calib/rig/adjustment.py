@@ -1,8 +1,9 @@
 """Bundle adjustment of a rig: every camera's pose, one pose of the target a moment, and what else is free.
 
 A point P of the target is seen by camera c at moment m through X_c B_m, with X_c = camera_from_reference (the identity
-for camera 0) and B_m = reference_from_target. With X = (R, t), B = (Q, s) and a projection's derivatives by the
-composed pose's steps, ω and δ of R Q ← exp(ω) R Q, R s + t ← R s + t + δ (prediction.py):
+for camera 0) and B_m = reference_from_target. With X = (R, t), B = (Q, ·), s where B puts the board's middle, and a
+projection's derivatives by the composed pose's steps, ω and δ of R Q ← exp(ω) R Q, R s + t ← R s + t + δ
+(prediction.py):
 
     B: ∂ω = R, ∂δ = R            since R exp(ω) Q = exp(R ω) R Q
     X: ∂ω = (I, −[R s]×), ∂δ = I   since exp(ω) turns R s as well
@@ -167,7 +168,9 @@ def _system(problem: RigProblem, state: RigState, camera: int, moments: np.ndarr
     d_turn, d_shift = d_pose[:, :3], d_pose[:, 3:]
     parts = [np.einsum("caij,ab->cbij", d_turn, turn), np.einsum("caij,ab->cbij", d_shift, turn)]
     if camera > 0:
-        arm = (state.reference_from_target[moments, :3, 3] @ turn.T).T[..., None]  # R s, (3, B, 1)
+        pose = state.reference_from_target[moments]
+        middle = pose[:, :3, :3] @ problem.features.board.middle + pose[:, :3, 3]
+        arm = (middle @ turn.T).T[..., None]  # R s, (3, B, 1)
         carried = d_turn.copy()
         for axis in range(3):
             after, last = (axis + 1) % 3, (axis + 2) % 3
@@ -193,4 +196,5 @@ def _stepped(problem: RigProblem, state: RigState, step) -> RigState | None:
         except InputError:
             return None
     warp = state.board_warp + step.shared[-len(WARP_NAMES) :] if problem.warp_free else state.board_warp
-    return RigState(tuple(cameras), poses, moved_poses(state.reference_from_target, step.pose), warp)
+    moments = moved_poses(state.reference_from_target, step.pose, problem.features.board.middle)
+    return RigState(tuple(cameras), poses, moments, warp)

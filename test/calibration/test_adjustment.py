@@ -182,6 +182,17 @@ def test_the_minimum_is_scipys() -> None:
     assert np.sqrt(2 * best.cost / len(points)) == pytest.approx(result.rms_px, rel=1e-7)
 
 
+@pytest.mark.parametrize("shift", [(10.0, -10.0, 0.0), (0.0, 0.0, 100.0)])
+def test_where_a_targets_origin_lies_does_not_matter(shift) -> None:
+    """Points surveyed in a hall's coordinates give the same camera, in as many steps."""
+    observations = seen_board(views=12, noise=0.05)
+    near = calibrate(observations, "ep_even")
+    far = calibrate(replace(observations, object_points=observations.object_points + np.array(shift)), "ep_even")
+    assert far.iterations == near.iterations
+    sigma = np.sqrt(np.diag(near.uncertainty.covariance))
+    assert (np.abs(far.camera.parameters - near.camera.parameters) <= 1e-3 * sigma).all()
+
+
 def test_cross_validation_is_refitting_without_the_fold() -> None:
     observations = seen_board(views=15, noise=0.3)
     fit = refine(first_fit(prepare(observations)), Structure("ep_even"))

@@ -63,8 +63,8 @@ def test_pixels_that_are_not_square_and_a_centre_far_off(aspect, shift, seed) ->
 
 def test_a_pose_that_stayed_wrong_is_found_again() -> None:
     camera = replace(CAMERA, fx=260.0, fy=520.0, cx=1120.0, cy=480.0, theta_max=2.2)
-    poses = random_poses(BOARD, 12, 10, (0.12, 0.35), (0.0, 105.0), (5.0, 60.0))
-    observations = seen(camera, BOARD.object_points, poses, 0.1, 10)
+    poses = random_poses(BOARD, 12, 19, (0.12, 0.35), (0.0, 105.0), (5.0, 60.0))
+    observations = seen(camera, BOARD.object_points, poses, 0.1, 19)
     fit = refine(first_fit(prepare(observations)), Structure("ep_even"))
     assert fit.adjustment.converged and fit.rms_px > 1.4 * 0.1414
     healed = repaired(fit)

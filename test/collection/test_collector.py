@@ -16,6 +16,7 @@ from numbered_target import ABSENT, CRASHES, INTERRUPTS, KILLS, SLOW, TARGET, pi
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.collection.results import FrameResult
+from fisheye_ep_calib.collection.workers import FrameWorkers, Job
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.recording import open_recording
 from fisheye_ep_calib.target.detection import Detection
@@ -91,6 +92,23 @@ def test_an_image_that_kills_its_worker_costs_only_itself(tmp_path):
     run = collect(write_folder(tmp_path / "front", pictures), ["front"], workers=2)["front"]
     assert len(run.views) == 11
     assert run.unused == {"frame5.png": "a worker process died on it"}
+
+
+def test_workers_that_die_while_idle_cost_nothing(tmp_path):
+    folder = write_folder(tmp_path / "front", [picture(x=i) for i in range(4)])
+    with open_recording(folder) as recording:
+        workers = FrameWorkers(recording, TARGET.detector(), 1)
+        try:
+            workers.add([Job("front", 0)])
+            assert workers.next_result().index == 0
+            (process,) = workers._pool._processes.values()
+            process.kill()
+            process.join()
+            workers.add([Job("front", index) for index in (1, 2, 3)])
+            assert sorted(workers.next_result().index for _ in range(3)) == [1, 2, 3]
+            assert workers.next_result() is None
+        finally:
+            workers.close()
 
 
 def test_images_of_different_sizes_cost_their_camera_and_no_other(tmp_path):
