@@ -32,6 +32,7 @@ MIN_VIEWS = 3
 MIN_POINTS = 4  # sightings a view needs for its pose
 _ON_A_LINE = 1e-6  # variance of a view's points across, over that along; such a view may turn about its line
 _AT_THE_LIMIT = 0.98  # of the largest angle allowed: a fit that comes so near may be held there
+_FAR_OFF = 1e-3  # of the image: a median residual above it lets other first guesses be tried
 _ROUGH = 1e-2  # tolerance of the stage that only serves as a start
 
 
@@ -177,12 +178,24 @@ def first_fit(sightings: Sightings, lens: str = "kannala_brandt", robust: bool =
 
     robust: under a Cauchy loss whose scale follows the median residual, for sightings with gross errors.
     """
+    fit = _first_fit(sightings, lens, robust)
+    if _middle(fit) < _FAR_OFF * max(sightings.observations.image_size):
+        return fit
+    return min(fit, _first_fit(sightings, lens, robust, wide=True), key=_middle)
+
+
+def _middle(fit: Fit) -> float:
+    """Median residual, px."""
+    return float(np.sqrt(np.median(fit.weighted_square))) / fit.sightings.usual_weight
+
+
+def _first_fit(sightings: Sightings, lens: str, robust: bool, wide: bool = False) -> Fit:
     observations = sightings.observations
     guess = initial_guess(
-        sightings.blocks, sightings.features.board, observations.image_size, len(sightings.images), robust
+        sightings.blocks, sightings.features.board, observations.image_size, len(sightings.images), robust, wide
     )
     structure = Structure("kannala", lens=lens, skew=False)
-    camera = structure.camera(observations.image_size, guess.focal_length, guess.centre)
+    camera = structure.camera(observations.image_size, guess.focal_lengths, guess.centre)
     state = AdjustmentState(camera, guess.camera_from_target)
     # Naive centres of discs serve well enough for a start.
     features = replace(sightings.features, disc_radius=None)

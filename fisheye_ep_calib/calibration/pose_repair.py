@@ -1,7 +1,7 @@
 """Views whose pose is wrong though the fit has settled: a board that started mirrored or turned over stays so.
 
-The first poses come from a crude camera. The rays of the camera as fitted give better ones; a view takes its own where
-that explains its sightings better.
+The first poses come from a crude camera. The rays of the camera as fitted give others, and so does a flat board's
+mirror image; a view takes one of them where that explains its sightings better.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.adjustment import adjust, residuals
+from fisheye_ep_calib.calibration.board_warp import BoardFrame
 from fisheye_ep_calib.calibration.fit import Fit, Sightings, adjusted, of_images
 from fisheye_ep_calib.calibration.ray_pose import poses_from_rays
 from fisheye_ep_calib.camera import FisheyeCamera
@@ -33,6 +34,21 @@ def ray_poses(camera: FisheyeCamera, sightings: Sightings) -> np.ndarray:
     return poses
 
 
+def mirrored_poses(poses: np.ndarray, board: BoardFrame) -> np.ndarray:
+    """Poses (V, 4, 4) of a flat board tilted the other way, which nearly looks the same where it is small or far.
+
+    With d the direction to its middle, depths along d change sign, x ← (I − 2 d dᵀ) x, and the front stays the front
+    (the ambiguity of Schweighofer and Pinz, Robust Pose Estimation from a Planar Target, 2006).
+    """
+    middle = poses[:, :3, :3] @ board.middle + poses[:, :3, 3]
+    direction = middle / np.linalg.norm(middle, axis=-1, keepdims=True)
+    mirror = np.eye(3) - 2 * direction[:, :, None] * direction[:, None]
+    result = poses.copy()
+    result[:, :3, :3] = mirror @ poses[:, :3, :3] @ (np.eye(3) - 2 * np.outer(board.axes[:, 2], board.axes[:, 2]))
+    result[:, :3, 3] = middle - result[:, :3, :3] @ board.middle
+    return result
+
+
 def repaired(fit: Fit) -> Fit:
     """The fit from better poses where there are any, or else the fit itself."""
     for _ in range(_ROUNDS):
@@ -53,7 +69,7 @@ def _started_again(fit: Fit) -> Fit:
 
 
 def _better_poses(fit: Fit) -> np.ndarray | None:
-    """Poses (V, 4, 4) with those replaced that rays explain better; None where there is none."""
+    """Poses (V, 4, 4) with those replaced for which a better one is found; None where there is none."""
     square, count = _by_view(fit)
     rms = np.sqrt(square / np.maximum(count, 1))
     looked_at = np.flatnonzero((rms > _SUSPICIOUS * np.median(rms)) | (rms > _POOR * fit.sightings.usual_weight))
@@ -62,18 +78,22 @@ def _better_poses(fit: Fit) -> np.ndarray | None:
     part = of_images(fit.sightings, fit.sightings.images[looked_at])
     camera = replace(fit.state.camera, theta_max=fit.problem.theta_limit)
     problem = replace(fit.problem, blocks=part.blocks, free=np.zeros_like(fit.problem.free), warp_free=False)
-    state = replace(fit.state, camera_from_target=ray_poses(camera, part))
-    found = adjust(problem, state, max_iterations=30, tolerance=1e-4)
-    error, _, valid = residuals(problem, found.state, len(part.observations.pixels))
+    starts = [ray_poses(camera, part)]
+    if fit.sightings.features.board.planar:
+        starts.append(mirrored_poses(fit.state.camera_from_target[looked_at], fit.sightings.features.board))
     rows = np.isin(part.observations.image_index, part.images) & (part.observations.weights > 0)
     view = np.searchsorted(part.images, part.observations.image_index[rows])
-    seen = np.bincount(view, ~valid[rows], minlength=len(part.images)) == 0
-    better = seen & (found.equations.by_view[:, -1, -1] < _BETTER * square[looked_at])
-    if not better.any():
-        return None
-    poses = fit.state.camera_from_target.copy()
-    poses[looked_at[better]] = found.state.camera_from_target[better]
-    return poses
+    poses, least, any_better = fit.state.camera_from_target.copy(), _BETTER * square[looked_at], False
+    for start in starts:
+        found = adjust(problem, replace(fit.state, camera_from_target=start), max_iterations=30, tolerance=1e-4)
+        _, _, valid = residuals(problem, found.state, len(part.observations.pixels))
+        seen = np.bincount(view, ~valid[rows], minlength=len(part.images)) == 0
+        explained = found.equations.by_view[:, -1, -1]
+        better = seen & (explained < least)
+        poses[looked_at[better]] = found.state.camera_from_target[better]
+        least = np.where(better, explained, least)
+        any_better |= bool(better.any())
+    return poses if any_better else None
 
 
 def _by_view(fit: Fit) -> tuple[np.ndarray, np.ndarray]:

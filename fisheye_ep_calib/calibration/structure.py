@@ -58,12 +58,12 @@ class Structure:
         lens = len(LENSES[self.lens].coefficient_names)
         return 4 + self.skew + lens + extras + self.pupil_terms + len(WARP_NAMES) * self.board_warp
 
-    def camera(self, image_size, focal_length: float, centre: np.ndarray) -> FisheyeCamera:
+    def camera(self, image_size, focal_lengths: np.ndarray, centre: np.ndarray) -> FisheyeCamera:
         """The camera to start from: no pupil shift, no skew, no extras at work."""
         return FisheyeCamera(
             image_size,
-            focal_length,
-            focal_length,
+            float(focal_lengths[0]),
+            float(focal_lengths[1]),
             float(centre[0]),
             float(centre[1]),
             radial=LENSES[self.lens].start_coefficients,
@@ -75,7 +75,7 @@ class Structure:
 
     def camera_like(self, other: FisheyeCamera) -> FisheyeCamera:
         """This structure's camera with every parameter that it shares with another's; the rest starts at zero."""
-        start = self.camera(other.image_size, other.fx, np.array([other.cx, other.cy]))
+        start = self.camera(other.image_size, np.array([other.fx, other.fy]), np.array([other.cx, other.cy]))
         known = dict(zip(other.parameter_names, other.parameters, strict=True))
         if other.model != self.model:
             known = {name: value for name, value in known.items() if not _is_pupil(name)}

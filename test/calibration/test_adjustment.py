@@ -176,7 +176,7 @@ def test_the_minimum_is_scipys() -> None:
         return (camera.project(in_camera)[0] - observations.pixels).ravel()
 
     start = np.random.default_rng(3).normal(0, 1, count + 36) * 0.3
-    best = least_squares(error, start, x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-12)
+    best = least_squares(error, start, jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-12)
     assert best.cost < 0.5 * (error(start) ** 2).sum()
     assert 2 * best.cost == pytest.approx((error(np.zeros(count + 36)) ** 2).sum(), rel=1e-7)
     assert np.sqrt(2 * best.cost / len(points)) == pytest.approx(result.rms_px, rel=1e-7)

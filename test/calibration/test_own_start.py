@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from known_scenes import BOARD, CAMERA, poses_of, seen, unknown_scene, with_gross_errors
 
-from fisheye_ep_calib.calibration import calibrate
+from fisheye_ep_calib.calibration import Observations, calibrate
 from fisheye_ep_calib.calibration.fit import first_fit, prepare, refine
 from fisheye_ep_calib.calibration.pose_repair import repaired
 from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.simulation import random_poses
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -61,10 +62,25 @@ def test_pixels_that_are_not_square_and_a_centre_far_off(aspect, shift, seed) ->
     assert not result.rejected and not result.wrong_views
 
 
-def test_a_pose_that_stayed_wrong_is_found_again() -> None:
+def odd_scene(seed: int) -> tuple[FisheyeCamera, Observations]:
+    """Pixels twice as high as wide and a centre far off, a board often at the rim or in parts."""
     camera = replace(CAMERA, fx=260.0, fy=520.0, cx=1120.0, cy=480.0, theta_max=2.2)
-    poses = random_poses(BOARD, 12, 19, (0.12, 0.35), (0.0, 105.0), (5.0, 60.0))
-    observations = seen(camera, BOARD.object_points, poses, 0.1, 19)
+    poses = random_poses(BOARD, 12, seed, (0.12, 0.35), (0.0, 105.0), (5.0, 60.0))
+    return camera, seen(camera, BOARD.object_points, poses, 0.1, seed)
+
+
+@pytest.mark.parametrize("seed", [258, 303, 379])
+def test_a_first_camera_far_off_gives_way_to_a_wider_choice(seed) -> None:
+    camera, observations = odd_scene(seed)
+    start = first_fit(prepare(observations))
+    assert start.rms_px < 0.5
+    assert (start.state.camera.fx, start.state.camera.fy) == pytest.approx((camera.fx, camera.fy), rel=0.02)
+
+
+# In the second one a view shows eight points, so few off one line that rays give no pose: only the mirrored one helps.
+@pytest.mark.parametrize("seed", [19, 244])
+def test_a_pose_that_stayed_wrong_is_found_again(seed) -> None:
+    camera, observations = odd_scene(seed)
     fit = refine(first_fit(prepare(observations)), Structure("ep_even"))
     assert fit.adjustment.converged and fit.rms_px > 1.4 * 0.1414
     healed = repaired(fit)
