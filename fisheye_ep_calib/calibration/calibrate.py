@@ -74,17 +74,16 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     fit = refine(start, base)
     mended = repaired(fit)
     if mended is not fit:
-        start, fit = refine(mended, replace(start.structure, lens=base.lens)), mended
+        start, fit = refine(mended, start.structure), mended
     adjusted = time.perf_counter()
     screening = Screening(huber_fit(start, fit), (), ()) if settings.loss == "huber" else screen(start, fit)
-    if screening.start is not start:
-        fit = refine(screening.start, base)
     screened = time.perf_counter()
     reasons: tuple[str, ...] = ()
     if model == AUTO:
         choice = choose(screening.start, base, _open_questions(settings, sightings.features.board.planar))
         candidates, fit, reasons = choice.candidates, choice.chosen.fit, choice.reasons
     else:
+        fit = fit if screening.start is start else refine(screening.start, base)
         candidates = _side_by_side(fit)
     seconds = {
         "initialize": initialized - started,
@@ -93,11 +92,12 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         "compare": time.perf_counter() - screened,
     }
     _refuse_undetermined(fit)
+    camera = replace(fit.state.camera, theta_max=fit.largest_angle)
     return CalibrationResult(
-        camera=replace(fit.state.camera, theta_max=_evidence(fit)),
+        camera=camera,
         fit=fit,
         uncertainty=uncertainty(fit),
-        stand_in=single_viewpoint(replace(fit.state.camera, theta_max=_evidence(fit)), settings.svp_distance),
+        stand_in=single_viewpoint(camera, settings.svp_distance),
         rejected=screening.rejected,
         wrong_views=screening.wrong_views,
         entrance_pupil_supported=bool(supported_pupils(candidates)),
@@ -154,13 +154,6 @@ def _comparison(one: Candidate) -> Comparison:
     )
 
 
-def _evidence(fit: Fit) -> float:
-    """The largest incidence angle of a sighting used, rad."""
-    _, theta, valid = fit.residuals
-    used = valid & (fit.sightings.observations.weights > 0)
-    return float(theta[used].max())
-
-
 def _refuse_warp_of_solid(sightings: Sightings, base: Structure) -> None:
     if base.board_warp and not sightings.features.board.planar:
         raise CalibrationError("a board warp needs a flat target; this one has depth: leave --board-warp away")
@@ -182,10 +175,9 @@ def _refuse_alike_views(sightings: Sightings) -> None:
 
 def _refuse_undetermined(fit: Fit) -> None:
     """Refuse a camera that explains nothing, and one whose focal length the views leave open."""
-    middle = float(np.sqrt(np.median(fit.weighted_square))) / fit.sightings.usual_weight
-    if middle > _NO_CAMERA * max(fit.sightings.observations.image_size):
+    if fit.median_px > _NO_CAMERA * max(fit.sightings.observations.image_size):
         raise CalibrationError(
-            f"no camera explains the points (half of them are off by {middle:.0f} px or more): "
+            f"no camera explains the points (half of them are off by {fit.median_px:.0f} px or more): "
             "check that the target file describes the board in the images"
         )
     if not _focal_length_determined(fit):
@@ -215,8 +207,7 @@ def _focal_length_determined(fit: Fit) -> bool:
 
 
 def _cost_at(fit: Fit, scale: float) -> float:
-    """The least cost, px², with both focal lengths held at so many times their values; ∞ where there is no such camera.
-    """
+    """The least cost, px², with both focal lengths held at so many times their values; ∞ for no such camera."""
     camera = fit.state.camera
     held = replace(fit.problem, free=fit.problem.free & ~np.isin(camera.parameter_names, ("fx", "fy")))
     moved = replace(camera, fx=scale * camera.fx, fy=scale * camera.fy)

@@ -76,14 +76,9 @@ def diagnose(fit: Fit, camera: FisheyeCamera, names: tuple[str, ...]) -> Diagnos
     return Diagnosis(counts, in_image, view_rms, split, tuple(findings))
 
 
-def _used(fit: Fit) -> np.ndarray:
-    _, _, valid = fit.residuals
-    return valid & (fit.sightings.observations.weights > 0)
-
-
 def _sighting_geometry(fit: Fit):
     """Incidence angle (rad), azimuth (rad) and distance from the camera (metres) of every sighting used."""
-    used = _used(fit)
+    used = fit.used
     seen = azimuth_and_distance(fit.sightings.observations, fit.sightings.images, fit.state.camera_from_target, used)
     return fit.residuals[1][used], *seen
 
@@ -129,7 +124,7 @@ def _pupil_against_depth(fit: Fit) -> Finding:
     inverse = np.linalg.inv(equations.pose)
     depth_row = -(inverse @ equations.mixed)[:, 5].mean(axis=0)
     own = known.sigma_px**2 * inverse[:, 5, 5].sum() / len(inverse) ** 2
-    angle = 0.9 * float(fit.residuals[1][_used(fit)].max())
+    angle = 0.9 * fit.largest_angle
     names, _ = fit.shared_parameters
     row = np.zeros(len(names))
     basis = camera.pupil_family.basis(np.array(angle), len(camera.coefficients))
@@ -151,7 +146,7 @@ def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
 
     distance (n,): metres, of every sighting used. None where a half determines no camera.
     """
-    observations, used = fit.sightings.observations, _used(fit)
+    observations, used = fit.sightings.observations, fit.used
     view = np.searchsorted(fit.sightings.images, observations.image_index[used])
     views = len(fit.sightings.images)
     mean = np.bincount(view, weights=distance, minlength=views) / np.maximum(np.bincount(view, minlength=views), 1)
@@ -166,7 +161,7 @@ def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
         half = refine(fit, fit.structure, of_images(fit.sightings, images))
         if not half.adjustment.converged:
             return None
-        seen = float(half.residuals[1][_used(half)].max())
+        seen = half.largest_angle
         cameras.append(replace(half.state.camera, theta_max=seen))
         covariances.append(uncertainty(half).covariance)
     near, far = (float(np.median(mean[part])) for part in parts)
@@ -204,7 +199,7 @@ def _near_far(split: NearFarSplit, pupil: bool) -> Finding:
 
 
 def _view_rms(fit: Fit) -> np.ndarray:
-    observations, used = fit.sightings.observations, _used(fit)
+    observations, used = fit.sightings.observations, fit.used
     error, _, _ = fit.residuals
     square = (error[used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
     view = np.searchsorted(fit.sightings.images, observations.image_index[used])

@@ -15,7 +15,7 @@ from fisheye_ep_calib.calibration.views import view_blocks
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 
-_LOST = 0.05  # of the image's width: a view whose median error stays above has no pose
+_LOST = 0.05  # of the image's longer side: a view whose median error stays above has no pose
 
 
 @dataclass(frozen=True)

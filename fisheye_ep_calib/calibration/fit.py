@@ -83,6 +83,11 @@ class Fit:
         return weighted_square(self.residuals[0], self.sightings.observations.weights)
 
     @property
+    def median_px(self) -> float:
+        """Median length of the residuals of the points used, in pixels whatever the unit of the weights."""
+        return float(np.sqrt(np.median(self.weighted_square))) / self.sightings.usual_weight
+
+    @property
     def degrees_of_freedom(self) -> int:
         return 2 * self.sightings.point_count - 6 * len(self.sightings.images) - self.problem.shared_size
 
@@ -100,6 +105,17 @@ class Fit:
     def residuals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Predicted minus measured pixels (M, 2), incidence angles (M,) rad, validity (M,), by observation row."""
         return residuals(self.problem, self.state, len(self.sightings.observations.pixels))
+
+
+    @property
+    def used(self) -> np.ndarray:
+        """Which observation rows (M,) the fit rests on."""
+        return self.residuals[2] & (self.sightings.observations.weights > 0)
+
+    @property
+    def largest_angle(self) -> float:
+        """The largest incidence angle of a sighting used, rad."""
+        return float(self.residuals[1][self.used].max())
 
 
 def weighted_square(error: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -179,14 +195,9 @@ def first_fit(sightings: Sightings, lens: str = "kannala_brandt", robust: bool =
     robust: under a Cauchy loss whose scale follows the median residual, for sightings with gross errors.
     """
     fit = _first_fit(sightings, lens, robust)
-    if _middle(fit) < _FAR_OFF * max(sightings.observations.image_size):
+    if fit.median_px < _FAR_OFF * max(sightings.observations.image_size):
         return fit
-    return min(fit, _first_fit(sightings, lens, robust, wide=True), key=_middle)
-
-
-def _middle(fit: Fit) -> float:
-    """Median residual, px."""
-    return float(np.sqrt(np.median(fit.weighted_square))) / fit.sightings.usual_weight
+    return min(fit, _first_fit(sightings, lens, robust, wide=True), key=lambda one: one.median_px)
 
 
 def _first_fit(sightings: Sightings, lens: str, robust: bool, wide: bool = False) -> Fit:
@@ -202,18 +213,17 @@ def _first_fit(sightings: Sightings, lens: str, robust: bool, wide: bool = False
     problem = AdjustmentProblem(sightings.blocks, features, structure.free(camera))
     if not robust:
         return Fit(structure, sightings, problem, adjust(problem, state, max_iterations=30, tolerance=_ROUGH))
-    for _ in range(2):
+    for _ in range(3):
         problem = _cauchy(problem, state, observations)
-        state = adjust(problem, state, max_iterations=30, tolerance=_ROUGH).state
-    problem = _cauchy(problem, state, observations)
-    return Fit(structure, sightings, problem, adjust(problem, state, max_iterations=30, tolerance=_ROUGH))
+        found = adjust(problem, state, max_iterations=30, tolerance=_ROUGH)
+        state = found.state
+    return Fit(structure, sightings, problem, found)
 
 
 def _cauchy(problem: AdjustmentProblem, state: AdjustmentState, observations: Observations) -> AdjustmentProblem:
     """The problem under a Cauchy loss at the scale of its present residuals."""
     error, _, _ = residuals(problem, state, len(observations.pixels))
-    used = (observations.weights > 0) & np.isfinite(error[:, 0])
-    spread = robust_spread(np.hypot(error[used, 0], error[used, 1]))
+    spread = robust_spread(np.sqrt(weighted_square(error, observations.weights)))
     return replace(problem, loss=Loss("cauchy", max(2 * spread, 1e-6)))
 
 

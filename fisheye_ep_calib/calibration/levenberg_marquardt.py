@@ -47,7 +47,7 @@ def minimise(
             step = solve_damped(equations, damping)
         except np.linalg.LinAlgError:
             if damping > _MOST_DAMPING:
-                break
+                return Minimum(state, equations, iteration + 1, False)
             damping, growth = max(damping, 1e-6) * growth, growth * 2
             continue
         floor = tolerance * max(equations.cost, 1e-14)

@@ -7,13 +7,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Loss:
-    """kind "linear", "huber" or "cauchy"; scale in pixels: where a residual stops counting fully."""
+    """kind "linear", "huber" or "cauchy"; scale: where a weighted residual stops counting fully, in its unit."""
 
     kind: str = "linear"
     scale: float = 1.0
 
     def evaluate(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ρ and √ρ′ of squared residual lengths (px²), of the same shape.
+        """ρ and √ρ′ of squared lengths of weighted residuals, of the same shape.
 
         huber: ρ = s for s ≤ c², 2 c √s − c² beyond; cauchy: ρ = c² ln(1 + s/c²).
         """

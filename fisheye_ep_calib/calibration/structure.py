@@ -80,7 +80,7 @@ class Structure:
         if other.model != self.model:
             known = {name: value for name, value in known.items() if not _is_pupil(name)}
         if other.lens != self.lens:
-            known = {name: known[name] for name in known if name in LENS_EXTRAS or _is_pupil(name)}
+            known = {name: known[name] for name in known if name not in other.lens_model.coefficient_names}
         if not self.skew:
             known["skew"] = 0.0
         values = [known.get(name, value) for name, value in zip(start.parameter_names, start.parameters, strict=True)]

@@ -46,7 +46,6 @@ class Collector:
         *,
         workers: int = 0,
         strict: bool = False,
-        quiet: bool = False,
         log: str | PathLike | None = None,
         resume: bool = False,
         scheduler: str | None = None,
@@ -54,7 +53,6 @@ class Collector:
         self._recording = recording
         self._target = target
         self._strict = strict
-        self._quiet = quiet
         self._log_path = None if log is None else Path(log)
         self._resume = resume
         self._log: DetectionLog | None = None
@@ -177,7 +175,7 @@ class Collector:
         return next_look(found, self._target, size, count, choice)
 
     def _progress(self, what: str, total: int):
-        return progress_bar(what=what, total=total, quiet=self._quiet)
+        return progress_bar(what=what, total=total)
 
 
 def _in_order(frames: Mapping[int, FrameResult]) -> tuple[FrameResult, ...]:

@@ -32,8 +32,7 @@ class DetectionLog:
     """One line of JSON an image. A line that a crash left unfinished is dropped.
 
     known: (topic, image) → what an earlier run saw in an image that is still the same; what it could not read may be
-    readable by now. images: how many the
-    log holds. holds_views: the target was found in some of them.
+    readable by now. images: how many the log holds. holds_views: the target was found in some of them.
     """
 
     def __init__(self, path: Path, key: str, fingerprint: Callable[[str, int], str], resume: bool) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
-from fisheye_ep_calib.calibration.fit import first_fit, refine, sightings_of
+from fisheye_ep_calib.calibration.fit import first_fit, prepare, refine
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.calibration.view_information import variance_reduction, view_information
@@ -78,7 +78,7 @@ def _rough_camera(
             np.concatenate([detection.pixels[some] for detection, some in parts]),
             image_size,
         )
-        plain = first_fit(sightings_of(observations), robust=True)
+        plain = first_fit(prepare(observations), robust=True)
         fit = refine(plain, Structure("ep_even", skew=False), loss=plain.problem.loss, tolerance=ENOUGH)
     except (CalibrationError, np.linalg.LinAlgError):
         return None

@@ -31,11 +31,11 @@ class _Silent:
         pass
 
 
-def progress_bar(iterable: Iterable | None = None, what: str = "", *, total=None, quiet=False) -> Any:
+def progress_bar(iterable: Iterable | None = None, what: str = "", *, total=None) -> Any:
     """A tqdm bar with rate and time left, shown where stderr is a terminal."""
     try:
         from tqdm import tqdm
     except ModuleNotFoundError:
         return _Silent(() if iterable is None else iterable, total)
     # disable=None: shown where stderr is a terminal.
-    return tqdm(iterable, what, total=total, unit="image", file=sys.stderr, disable=True if quiet else None)
+    return tqdm(iterable, what, total=total, unit="image", file=sys.stderr, disable=None)

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from fisheye_ep_calib.calibration.calibrate import DISC_CENTERS
 from fisheye_ep_calib.calibration.evaluation import Evaluation, evaluate_camera
 from fisheye_ep_calib.commands.reporting import refuse_existing, write_evaluation_report
 from fisheye_ep_calib.commands.sources import add_source_arguments, camera_sources
@@ -23,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("camera", type=Path, metavar="CAMERA.yaml")
     add_source_arguments(parser, many=False)
     parser.add_argument("--board-warp", action="store_true", help="bend the target as the camera file says it is bent")
-    parser.add_argument("--disc-centers", default="unbiased", choices=("unbiased", "naive"), help=argparse.SUPPRESS)
+    parser.add_argument("--disc-centers", default="unbiased", choices=DISC_CENTERS, help=argparse.SUPPRESS)
     parser.add_argument("--report", type=Path, metavar="FILE.html", help="write a page with figures too")
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier report")
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
@@ -32,9 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     refuse_existing([arguments.report], arguments.overwrite)
     file = read_camera_file(arguments.camera)
-    with camera_sources(arguments) as (cameras, _):
-        if len(cameras) != 1:
-            raise InputError("one camera at a time: give one --topic")
+    with camera_sources(arguments, before_looking=_refuse_several) as (cameras, _):
         observations = cameras[0].observations
         warp = file.board_warp if arguments.board_warp else None
         found = evaluate_camera(file.camera, observations, warp, arguments.disc_centers)
@@ -50,6 +49,11 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"{len(found.images)} views, {found.points} points; {len(failed)} views without a pose")
     print(f"RMS {found.rms_px:.4f} px, median {found.median_px:.4f} px, 95 % below {found.p95_px:.4f} px")
     return 0
+
+
+def _refuse_several(names: list[str]) -> None:
+    if len(names) != 1:
+        raise InputError("one camera at a time: give one --topic")
 
 
 def _json(found: Evaluation, failed: dict[str, str]) -> dict:

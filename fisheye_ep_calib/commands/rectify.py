@@ -137,7 +137,6 @@ def _names(frames: Sequence[Frame]) -> list[str]:
 def _rectify(frames: Sequence[Frame], paths: Sequence[Path], rectifier: Rectifier, arguments) -> int:
     """How many images were written; damaged ones are told and passed over."""
     written, first_error = 0, ""
-    # disable=None: a bar only where stderr is a terminal.
     progress = progress_bar(zip(frames, paths, strict=True), "rectifying", total=len(frames))
     for frame, path in progress:
         try:

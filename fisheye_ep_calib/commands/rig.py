@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
@@ -18,6 +17,7 @@ from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.rig import USUAL_TOLERANCE, RigCalibration, RigCamera, calibrate_rig
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.rig_file import kalibr_camchain, rig_yaml
 
@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
     atomic_write(arguments.output / CAMCHAIN, camchain.encode())
     print(_text(found, arguments.output), file=sys.stderr if arguments.json else sys.stdout)
     if arguments.json:
-        print(json.dumps(_json(found, arguments.output), ensure_ascii=False))
+        print(json_text(_json(found, arguments.output)))
     if not found.converged:
         raise CalibrationError(f"the fit did not converge; its best state is in {arguments.output / RIG}")
     return 0

@@ -16,9 +16,9 @@ from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
 from fisheye_ep_calib.collection.workers import FrameWorkers, Job
 from fisheye_ep_calib.commands.sources import camera_name, safe_name
+from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rig.synchronisation import simultaneous, stamps_of_names
-from fisheye_ep_calib.simulation.sequence import usable_cores
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.recording import Recording, choose_topics, open_recording
 from fisheye_ep_calib.storage.sources.image_files import IMAGE_FILE
@@ -136,7 +136,6 @@ def _look(recording: Recording, target: Target, topics: list[str], moments: np.n
     workers = usable_cores() if arguments.workers is None else arguments.workers
     frames = FrameWorkers(recording, target.detector(), 0 if workers == 1 else workers)
     looked: set[int] = set()
-    # disable=None: a bar only where stderr is a terminal.
     expected = min(arguments.max_moments, len(moments)) * len(topics)
     try:
         with progress_bar(what="looking for the target", total=expected) as bar:

@@ -90,7 +90,6 @@ def run(arguments: argparse.Namespace) -> int:
             save_observations(truth_file, observe(camera, target, np.stack([view.pose for view in views])))
     total = sum(len(camera.views) for camera in rig)
     images = simulate_rig(rig, arguments.rate, time.time_ns(), arguments.compression)
-    # disable=None: a bar only where stderr is a terminal.
     count = write_bag(arguments.output, progress_bar(images, "rendering", total=total))
     print(f"wrote {count} images of {', '.join(camera.name for camera in rig)} to {arguments.output}")
     return 0

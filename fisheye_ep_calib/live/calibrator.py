@@ -151,8 +151,7 @@ class LiveCalibrator:
     def retry_writing(self) -> None:
         """Write what the disk refused before; call it now and then."""
         for session in self.sessions.values():
-            if session.unwritten:
-                self._write(session)
+            self._write(session)
         if self._rig is not None:
             self._rig.retry_writing()
 

@@ -79,8 +79,7 @@ class RigCalibrator:
 
     def retry_writing(self) -> None:
         """Write what the disk refused before."""
-        if self.session.unwritten:
-            self._write()
+        self._write()
 
     @property
     def next_step(self) -> str:

@@ -65,6 +65,7 @@ class CameraSession:
         self.limits = limits or Limits()
         self._store = ViewStore(folder / f"{name}.npz", target)
         self._lock = threading.RLock()
+        self._counting = threading.Lock()  # its own: who counts an image must not wait for the disk
         self._counters = Counters()
         self._initial = self._outcome = initial
         self._outcome_unwritten = False
@@ -111,7 +112,7 @@ class CameraSession:
 
     def count(self, **increments: int) -> None:
         """Add to the counters."""
-        with self._lock:
+        with self._counting:
             changed = {name: getattr(self._counters, name) + more for name, more in increments.items()}
             self._counters = replace(self._counters, **changed)
 
@@ -199,11 +200,11 @@ class CameraSession:
     def reset(self) -> int:
         """Forget views and calibration; the observation file is set aside. How many views were forgotten.
 
-        Raises CalibrationError where the file cannot be renamed.
+        Raises CalibrationError where the file cannot be renamed; nothing is forgotten then.
         """
         with self._lock:
             forgotten = len(self._store.views)
+            self._store.set_aside()
             self._generation += 1
             self._outcome, self._outcome_unwritten = self._initial, False
-            self._store.set_aside()
             return forgotten

@@ -78,11 +78,13 @@ class ViewStore:
         self.views = tuple(self._views(observations))
         return len(self.views)
 
-    def set_aside(self) -> Path | None:
-        """Start empty; an earlier run's file is renamed, not lost. Raises CalibrationError."""
+    def set_aside(self) -> None:
+        """Start empty; an earlier run's file is renamed, not lost. Raises CalibrationError, and keeps all then."""
+        if self.path.exists():
+            self._rename()
         self.views, self.image_size, self.unwritten = (), None, False
-        if not self.path.exists():
-            return None
+
+    def _rename(self) -> None:
         stamp = time.strftime("%Y%m%d-%H%M%S")
         aside = self.path.with_name(f"{self.path.stem}.{stamp}{self.path.suffix}")
         count = 1
@@ -93,7 +95,6 @@ class ViewStore:
             self.path.rename(aside)
         except OSError as error:
             raise CalibrationError(f"cannot rename {self.path}: {error.strerror}") from None
-        return aside
 
     def add(self, view: View, image_size: tuple[int, int]) -> None:
         """Keep a view and write the file. Raises CalibrationError where that fails; the view is kept anyway."""

@@ -75,10 +75,10 @@ def calibration_report(
 
 def calibration_residuals(result: CalibrationResult) -> Residuals:
     """The sightings that the chosen fit used."""
-    error, theta, valid = result.fit.residuals
+    error, theta, _ = result.fit.residuals
     sightings = result.fit.sightings
-    used = valid & (sightings.observations.weights > 0) & np.isin(sightings.observations.image_index, sightings.images)
-    return residuals_of(sightings.observations, sightings.images, result.camera_from_target, error, theta, used)
+    poses, used = result.camera_from_target, result.fit.used
+    return residuals_of(sightings.observations, sightings.images, poses, error, theta, used)
 
 
 def calibration_views(observations: Observations, result: CalibrationResult) -> tuple[View, ...]:

@@ -95,7 +95,7 @@ def lay_out(target: Target, page: str, caption: str) -> Layout:
             f" (room for {sizes[0][0] - 2 * MARGIN:.0f} × {sizes[0][1] - 2 * MARGIN - FOOT:.0f} mm):"
             " take a larger page or a smaller target"
         )
-    flip = -1.0 if target.kind == "aprilgrid" else 1.0  # its y points up
+    flip = -1.0 if target.y_up else 1.0
     middle = 500 * (artwork.high + artwork.low) * [1, flip]
     shift = np.array([page_width / 2, MARGIN + (page_height - 2 * MARGIN - FOOT) / 2]) - middle
 

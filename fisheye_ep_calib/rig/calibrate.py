@@ -154,9 +154,9 @@ def _problem(assembly: Assembly, free: Sequence[np.ndarray], warp_free: bool) ->
 
 
 def _lengths(problem: RigProblem, state: RigState) -> list[np.ndarray]:
-    """Residual lengths (M_c,), px, of each camera; NaN where a sighting is not used."""
+    """Weighted residual lengths (M_c,), px, of each camera; NaN where a sighting is not used."""
     return [
-        np.where(view.observations.weights > 0, np.hypot(*error.T), np.nan)
+        np.where(view.observations.weights > 0, np.hypot(*error.T) * view.observations.weights, np.nan)
         for view, error in zip(problem.views, rig_residuals(problem, state), strict=True)
     ]
 

@@ -84,11 +84,11 @@ class RectifierNode:
 
     def _work(self, message: Any) -> None:
         """In the worker's thread."""
-        if message is PREPARE:
-            self._rectifier.maps(self._distance)
-            return
         try:
-            self._rectify(message)
+            if message is PREPARE:
+                self._rectifier.maps(self._distance)
+            else:
+                self._rectify(message)
         except Exception as error:  # whatever one image holds, the next one is looked at
             if not self.node.context.ok():
                 return  # interrupted: nothing can be published any more

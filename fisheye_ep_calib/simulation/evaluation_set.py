@@ -60,9 +60,7 @@ class EvaluationView:
         return render(camera, target, self.pose, self.imaging)
 
 
-def evaluation_set(
-    camera: SceneCamera, target: Target, seed: int = 0, kinds: tuple[ViewKind, ...] = VIEW_KINDS
-) -> tuple[EvaluationView, ...]:
+def evaluation_set(camera: SceneCamera, target: Target, seed: int = 0) -> tuple[EvaluationView, ...]:
     """The views of a target (42 of them), reproducible by seed; images are rendered when asked for.
 
     Blur, noise, vignetting, shading and a textured background vary from view to view. Distances grow with the board,
@@ -72,7 +70,7 @@ def evaluation_set(
     extent = np.ptp(target.object_points[:, :2], axis=0)
     scale = float(np.hypot(*extent)) / _REFERENCE_DIAGONAL
     views = []
-    for kind in kinds:
+    for kind in VIEW_KINDS:
         for number in range(kind.count):
             pose = look_pose(
                 target,

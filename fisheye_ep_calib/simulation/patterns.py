@@ -168,4 +168,4 @@ def pattern(target: Target) -> Pattern:
 
 def printed_side(target: Target) -> int:
     """+1 where the print looks along the target's +z (x right, y up), −1 where along −z (x right, y down)."""
-    return 1 if target.kind == "aprilgrid" else -1
+    return 1 if target.y_up else -1

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import tempfile
+import secrets
 from pathlib import Path
 
 from fisheye_ep_calib.errors import CalibrationError
@@ -15,30 +16,21 @@ def atomic_write(path: str | os.PathLike, content: bytes) -> None:
     Missing parent folders are created. Raises CalibrationError where the place cannot be written.
     """
     path = Path(path)
-    temporary = None
+    # Not mkstemp, whose files are private: a result is as readable as any other file of the user's.
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
-        with os.fdopen(descriptor, "wb") as file:
+        with open(temporary, "xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
-        temporary = None
         _sync_folder(path.parent)
     except OSError as error:
         raise CalibrationError(f"cannot write {path}: {error.strerror or error}") from None
     finally:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
-
-
-def _umask() -> int:
-    """mkstemp makes private files; a result is as readable as any other file of the user's."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        with contextlib.suppress(OSError):  # usually it is no longer there
+            temporary.unlink()
 
 
 def _sync_folder(folder: Path) -> None:

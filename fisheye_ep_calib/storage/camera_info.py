@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from fisheye_ep_calib.calibration.stand_in import single_viewpoint
 from fisheye_ep_calib.camera import FisheyeCamera
 
 
@@ -21,11 +18,6 @@ class PlainCameraInfo:
     k: tuple[float, ...]
     r: tuple[float, ...]
     p: tuple[float, ...]
-
-
-def camera_info(camera: FisheyeCamera, distance: float = np.inf) -> PlainCameraInfo:
-    """CameraInfo of the camera's single-viewpoint stand-in for points at a distance, metres."""
-    return plain_camera_info(single_viewpoint(camera, distance).camera)
 
 
 def plain_camera_info(stand_in: FisheyeCamera) -> PlainCameraInfo:

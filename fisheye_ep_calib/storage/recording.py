@@ -54,11 +54,6 @@ class Frame:
         """When the image was taken, by its header, nanoseconds; ``stamp_ns`` where it says nothing. Reads it."""
         return self._source.taken_ns(self.topic, self._entry) or self.stamp_ns
 
-    @property
-    def frame_id(self) -> str:
-        """The header's frame_id; reads the message. Empty for an image file."""
-        return self._source.frame_id(self.topic, self._entry)
-
 
 class Recording:
     """Several cameras' images from one or more files. Pickles, so that every worker reads for itself.

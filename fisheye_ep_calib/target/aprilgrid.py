@@ -32,6 +32,7 @@ class AprilGrid(Target):
 
     kind = "aprilgrid"
     kalibr_kind = "aprilgrid"
+    y_up = True  # Kalibr's frame
 
     @staticmethod
     def from_keys(keys: Keys, name: str) -> AprilGrid:

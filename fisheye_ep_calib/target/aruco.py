@@ -7,16 +7,13 @@ import numpy as np
 
 from fisheye_ep_calib.errors import InputError
 
-DICTIONARY_NAMES = tuple(
-    [f"DICT_{n}X{n}_{count}" for n in (4, 5, 6, 7) for count in (50, 100, 250, 1000)]
-    + [
-        "DICT_ARUCO_ORIGINAL",
-        "DICT_APRILTAG_16h5",
-        "DICT_APRILTAG_25h9",
-        "DICT_APRILTAG_36h10",
-        "DICT_APRILTAG_36h11",
-    ]
-)
+MARKERS = {f"DICT_{n}X{n}_{count}": count for n in (4, 5, 6, 7) for count in (50, 100, 250, 1000)} | {
+    "DICT_ARUCO_ORIGINAL": 1024,
+    "DICT_APRILTAG_16h5": 30,
+    "DICT_APRILTAG_25h9": 35,
+    "DICT_APRILTAG_36h10": 2320,
+    "DICT_APRILTAG_36h11": 587,
+}  # how many each of OpenCV's dictionaries has
 
 
 def require_aruco(what: str):

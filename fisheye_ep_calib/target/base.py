@@ -38,7 +38,7 @@ class Target:
     """A flat calibration target.
 
     name: the file's name, or what the file says. object_points (n, 3): metres, z = 0; x to the right and y
-    down as one looks at the print (an AprilGrid keeps Kalibr's frame, y up). disc_radius: metres where the
+    down as one looks at the print, or up where ``y_up``. disc_radius: metres where the
     features are the centres of gravity of projected discs, else None.
     """
 
@@ -47,6 +47,7 @@ class Target:
     disc_radius: float | None
 
     kind = "target"  # the file's ``type``
+    y_up = False  # as one looks at the print
     kalibr_kind = ""  # Kalibr's ``target_type``; empty where Kalibr has no such target
 
     @staticmethod

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.target.aruco import DICTIONARY_NAMES, aruco_dictionary, bits_as_quads, marker_bits
+from fisheye_ep_calib.target.aruco import MARKERS, aruco_dictionary, bits_as_quads, marker_bits
 from fisheye_ep_calib.target.base import Artwork, Target, bounding_board, rectangular_grid
 from fisheye_ep_calib.target.chessboard import black_squares
 from fisheye_ep_calib.target.detection import Detector
@@ -40,13 +40,12 @@ class Charuco(Target):
                 "marker_size", f"must be smaller than the square's {spacing:g} m (and at least a fifth of it)"
             )
         dictionary = keys.text("dictionary", "DICT_5X5_250")
-        if dictionary not in DICTIONARY_NAMES:
-            raise keys.fail("dictionary", f"{dictionary} is unknown; known: {', '.join(DICTIONARY_NAMES)}")
+        if dictionary not in MARKERS:
+            raise keys.fail("dictionary", f"{dictionary} is unknown; known: {', '.join(MARKERS)}")
         target = Charuco.create(
             keys.text("name", name), columns, rows, spacing, marker_size, dictionary, keys.flag("legacy")
         )
-        size = dictionary.rsplit("_", 1)[1]
-        if size.isdigit() and len(target.marker_squares) > int(size):
+        if len(target.marker_squares) > MARKERS[dictionary]:
             raise keys.fail(
                 "dictionary",
                 f"{dictionary} has too few markers for {len(target.marker_squares)} white squares",

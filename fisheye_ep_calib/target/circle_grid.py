@@ -45,9 +45,7 @@ class CircleGrid(Target):
         asymmetric = keys.flag("asymmetric")
         holed = _holed(keys, columns, rows)
         hole_radius = keys.metres("hole_radius") if "hole_radius" in keys else 0.4 * radius
-        nearest = spacing * (np.sqrt(2) if asymmetric else 1)
-        if 2 * radius >= 0.95 * nearest:
-            raise keys.fail("radius", f"{radius:g} lets discs {nearest:g} m apart touch")
+        _refuse_touching(keys, radius, spacing, asymmetric)
         if not 0.2 * radius <= hole_radius <= 0.7 * radius:
             raise keys.fail("hole_radius", "must lie between 0.2 and 0.7 of the radius")
         name = keys.text("name", name)
@@ -66,6 +64,8 @@ class CircleGrid(Target):
                 keys.source,
             )
         spacing, asymmetric = keys.metres("spacingMeters"), keys.flag("asymmetricGrid")
+        if radius is not None:
+            _refuse_touching(keys, radius, spacing, asymmetric)
         return CircleGrid.create(name, columns, rows, spacing, radius, asymmetric)
 
     @staticmethod
@@ -124,6 +124,12 @@ class CircleGrid(Target):
         holes = discs[list(self.holed)].copy()
         holes[:, 2] = self.hole_radius
         return Artwork(low, high, discs=discs, holes=holes)
+
+
+def _refuse_touching(keys: Keys, radius: float, spacing: float, asymmetric: bool) -> None:
+    nearest = spacing * (np.sqrt(2) if asymmetric else 1)
+    if 2 * radius >= 0.95 * nearest:
+        raise keys.fail("radius", f"{radius:g} lets discs {nearest:g} m apart touch")
 
 
 def _holed(keys: Keys, columns: int, rows: int) -> tuple[int, ...]:

@@ -83,7 +83,7 @@ class CircleGridDetector:
             return Detection(reason="board out of view")
         expected, shape = expected[index], shape[index]
         hole = np.where(np.isin(index, self.target.holed), self.hole_ratio, 0.0)
-        found = measure_discs(image, expected, shape, self.gap_ratio, hole, keep_shape=True, rounds=2)
+        found = measure_discs(image, expected, shape, self.gap_ratio, hole, keep_shape=True)
         good = found.good.copy()
         if good.any():
             offset = found.center[good] - expected[good]

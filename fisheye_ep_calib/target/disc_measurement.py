@@ -11,6 +11,7 @@ from fisheye_ep_calib.target.disc_levels import Levels, height, measure_levels
 from fisheye_ep_calib.target.ellipse import EllipsePosition, half_box, major_axis, minor_axis
 from fisheye_ep_calib.target.pixel_patches import PixelPatches
 
+ROUNDS = 2
 SECTORS = 12  # around a disc in which its edge must be seen
 FIRST_BLUR = 1.0  # pixels
 LEAST_CONTRAST = 8.0  # grey values between board and disc
@@ -72,7 +73,6 @@ def measure_discs(
     ratio: float,
     hole: np.ndarray | None = None,
     keep_shape: bool = False,
-    rounds: int = 2,
 ) -> Measurement:
     """Measure discs near center (k, 2) that look like the ellipses shape (k, 2, 2).
 
@@ -89,12 +89,12 @@ def measure_discs(
         np.zeros(count),
         np.zeros(count),
     )
-    for number in range(rounds):
+    for number in range(ROUNDS):
         state = replace(state, good=state.good & _plausible(image, state))
         chosen = np.flatnonzero(state.good)
         if len(chosen) == 0:
             break
-        last = number == rounds - 1
+        last = number == ROUNDS - 1
         rows = _measure_once(
             image, state[chosen], hole[chosen], ratio, adapt=not (keep_shape or last), final=last
         )

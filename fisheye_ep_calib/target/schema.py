@@ -24,8 +24,8 @@ class Keys:
     def fail(self, key: str, problem: str) -> InputError:
         return InputError(f"{self.source}: {key} {problem}")
 
-    def get(self, key: str, default=None):
-        return self._values.get(key, default)
+    def get(self, key: str):
+        return self._values.get(key)
 
     def _need(self, key: str):
         if self._values.get(key) is None:

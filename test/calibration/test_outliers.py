@@ -102,8 +102,9 @@ def test_heavy_tails_cost_few_points(observations) -> None:
 
 
 @pytest.mark.parametrize("weight", [0.01, 100.0])
-def test_the_unit_of_the_weights_does_not_matter(weight) -> None:
-    observations, wrong = with_gross_errors(seen_board(), 0.05)
+@pytest.mark.parametrize(("views", "share"), [(20, 0.05), (8, 0.2)])
+def test_the_unit_of_the_weights_does_not_matter(weight, views, share) -> None:
+    observations, wrong = with_gross_errors(seen_board(views=views), share)
     one = calibrate(observations, "ep_even")
     other = calibrate(replace(observations, weights=weight * observations.weights), "ep_even")
     assert {(p.view, p.point) for p in one.rejected} == {(p.view, p.point) for p in other.rejected}

@@ -45,6 +45,19 @@ def test_a_chain_of_plain_lattices_counted_from_any_end(target) -> None:
         assert distance < 3 * np.linalg.norm(rig.position_sigma[camera]) < 3e-4
 
 
+@pytest.mark.parametrize("weight", [0.1, 10.0])
+def test_the_unit_of_the_weights_does_not_matter(weight) -> None:
+    seen = see(cameras(2), PLACES[:2], SQUARE, targets_between(PLACES[0], PLACES[1], SQUARE, 8, seed=3), noise=0.1)
+    observed = [one.observations for one in seen]
+    weighted = [
+        replace(one, observations=replace(some, weights=weight * some.weights))
+        for one, some in zip(seen, observed, strict=True)
+    ]
+    plain, other = calibrate_rig(seen), calibrate_rig(weighted)
+    assert other.position_sigma == pytest.approx(plain.position_sigma, rel=1e-3)
+    assert other.reference_from_camera == pytest.approx(plain.reference_from_camera, abs=1e-6)
+
+
 def test_the_pupil_is_worth_its_name_in_a_rig(capsys) -> None:
     poses = targets_between(PLACES[0], PLACES[1], DISCS, 12, seed=3, distance=(0.1, 0.2))
     seen = see(cameras(2), PLACES[:2], DISCS, poses)

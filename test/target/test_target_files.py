@@ -104,6 +104,16 @@ def test_what_is_wrong_is_named_in_one_line(change, words):
     assert "\n" not in str(caught.value) and "board.yaml" in str(caught.value)
 
 
+def test_what_is_too_large_for_kalibrs_spacing_or_a_dictionary_is_refused():
+    grid = {"target_type": "circlegrid", "targetCols": 4, "targetRows": 5, "spacingMeters": 0.012, "radius": 4}
+    with pytest.raises(InputError, match="touch"):
+        parse_target(grid)
+    board = {"type": "charuco", "columns": 12, "rows": 9, "spacing": 0.02, "marker_size": 0.015}
+    with pytest.raises(InputError, match="DICT_APRILTAG_16h5 has too few markers for 65"):
+        parse_target({**board, "dictionary": "DICT_APRILTAG_16h5"})
+    assert parse_target({**board, "dictionary": "DICT_APRILTAG_36h11"}).kind == "charuco"
+
+
 @pytest.mark.parametrize("missing", ["type", "columns", "rows", "spacing", "radius"])
 def test_a_missing_key_is_named(missing):
     with pytest.raises(InputError, match=missing):

@@ -74,10 +74,6 @@ class Source:
         """The image with its colours. Raises InputError where it is damaged."""
         raise NotImplementedError
 
-    def frame_id(self, topic: str, entry: Entry) -> str:
-        """The frame_id in the image's header; empty where there is none."""
-        return ""
-
     def taken_ns(self, topic: str, entry: Entry) -> int:
         """The stamp in the image's header, nanoseconds; 0 where there is none."""
         return 0
@@ -144,9 +140,6 @@ class BagSource(Source):
     def picture(self, topic: str, entry: Entry) -> Picture:
         decode = decode_picture if self.topics[topic] == IMAGE else decode_compressed_picture
         return decode(self.message(topic, entry))
-
-    def frame_id(self, topic: str, entry: Entry) -> str:
-        return str(self.message(topic, entry).header.frame_id)
 
     def taken_ns(self, topic: str, entry: Entry) -> int:
         stamp = self.message(topic, entry).header.stamp

@@ -100,7 +100,8 @@ def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list
     images = [path for path in contents if is_image_file(path)]
     if images:
         return [ImageFiles(folder.absolute().name or "images", images)]
-    by_camera = {path: [file for file in path.iterdir() if is_image_file(file)] for path in contents if path.is_dir()}
+    folders = [path for path in contents if path.is_dir() and not path.name.startswith(".")]
+    by_camera = {path: [file for file in path.iterdir() if is_image_file(file)] for path in folders}
     sources: list[Source] = [ImageFiles(path.name, files) for path, files in by_camera.items() if files]
     if not sources:
         raise InputError(f"{folder} holds neither a bag (.mcap, .db3, .bag) nor images (.png, .jpg, .bmp, .tif)")
