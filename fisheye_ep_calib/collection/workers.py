@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.collection.results import FrameResult
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.detection import Detection, Detector
 from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
@@ -166,8 +166,8 @@ def look(recording: Recording, detector: Detector, job: Job) -> FrameResult:
         else:
             detection = detector.detect_guided(image, job.camera, job.camera_from_target)
     except Exception as error:  # one strange image must not cost the others
-        said = (str(error).splitlines() or [""])[0]
-        return failed_on(recording, job, f"the detector failed on it ({type(error).__name__}: {said})")
+        said = f"{type(error).__name__}: {first_line(error)}"
+        return failed_on(recording, job, f"the detector failed on it ({said})")
     size = (image.shape[1], image.shape[0])
     return FrameResult(
         job.topic,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from fisheye_ep_calib.report.models import angles, by_ring, pupil_curve
 from fisheye_ep_calib.report.record import now, versions
 from fisheye_ep_calib.report.verdict import distance_text
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+from fisheye_ep_calib.storage.json_text import json_text
 
 DESCRIPTION = (
     "Compare two camera files: the points that A sees in its pixels are projected by B, at several distances, after B\n"
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
         size = files[0].camera.image_size
         write_comparison(arguments.report, names, found, arguments.align, _curves(files), size, _inputs(arguments))
     if arguments.json:
-        print(json.dumps(_json(arguments, found, rows), ensure_ascii=False, allow_nan=False))
+        print(json_text(_json(arguments, found, rows)))
         return 0
     print(_text(arguments, found, rows))
     return 0
@@ -136,20 +136,16 @@ def _json(arguments, found: CameraDifference, rows: tuple[DistanceSummary, ...])
         "theta_deg": theta.tolist(),
         "distances": [
             {
-                "distance_m": row.distance_m if np.isfinite(row.distance_m) else "inf",
-                "rms_px": _number(row.rms_px),
-                "median_px": _number(row.median_px),
-                "p95_px": _number(row.p95_px),
-                "max_px": _number(row.largest_px),
-                "expected_rms_px": _number(row.expected_px) if known else None,
-                "rms_by_theta_px": [_number(value) for value in difference[index]],
-                "expected_rms_by_theta_px": [_number(value) for value in expected[index]] if known else None,
+                "distance_m": row.distance_m,
+                "rms_px": row.rms_px,
+                "median_px": row.median_px,
+                "p95_px": row.p95_px,
+                "max_px": row.largest_px,
+                "expected_rms_px": row.expected_px if known else None,
+                "rms_by_theta_px": difference[index].tolist(),
+                "expected_rms_by_theta_px": expected[index].tolist() if known else None,
             }
             for index, row in enumerate(rows)
         ],
         "report": None if arguments.report is None else str(arguments.report),
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

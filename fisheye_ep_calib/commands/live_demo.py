@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.errors import CalibrationError, first_line
 
 NODE = "calibrator"
 START_SECONDS = 60.0
@@ -48,7 +48,7 @@ def why_not_live() -> str:
         import sensor_msgs.msg  # noqa: F401
         import std_srvs.srv  # noqa: F401
     except (ImportError, OSError) as error:
-        return f"rclpy does not start ({(str(error).splitlines() or ['no reason given'])[0]})"
+        return f"rclpy does not start ({first_line(error)})"
     return ""
 
 

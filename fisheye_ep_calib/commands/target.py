@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.report.printing import write_target
 from fisheye_ep_calib.target import load_target
 
@@ -28,9 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    refuse_existing([arguments.output], arguments.overwrite)
     target = load_target(arguments.target)
-    if arguments.output.exists() and not arguments.overwrite:
-        raise InputError(f"{arguments.output} is there already; give another --output, or --overwrite")
     write_target(target, arguments.output, arguments.page, caption=arguments.target.name)
     print(f"wrote {arguments.output}; print it at 100 % and check the 100 mm line")
     return 0

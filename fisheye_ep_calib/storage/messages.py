@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.errors import InputError, first_line
 
 
 @lru_cache(maxsize=2)
@@ -26,5 +26,4 @@ def deserialize(content: bytes, type_name: str, encoding: str):
     try:
         return read(content, type_name)
     except Exception as error:  # generated code over damaged bytes fails in every way there is
-        detail = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"the message is damaged ({detail})") from None
+        raise InputError(f"the message is damaged ({first_line(error)})") from None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.storage.atomic import atomic_write
 
 METRES_PER_UNIT = {"mm": 1e-3, "m": 1.0}
@@ -86,8 +86,7 @@ def _read_array(archive: zipfile.ZipFile, key: str) -> np.ndarray:
     try:
         return np.lib.format.read_array(_checked_array(content), allow_pickle=False)
     except (ValueError, TypeError, SyntaxError, MemoryError, EOFError) as error:
-        detail = str(error).splitlines()[0] if str(error) else "not an array"
-        raise InputError(f"{archive.filename}: {key} cannot be read: {detail}") from None
+        raise InputError(f"{archive.filename}: {key} cannot be read: {first_line(error)}") from None
 
 
 def _checked_array(content: bytes) -> io.BytesIO:
