@@ -82,9 +82,13 @@ class ClusterWorkers:
         self._payload = self._client.submit(_same, self._search[1], pure=False)
 
     def _check_workers(self) -> None:
-        """Raises InputError where no worker is there, or one that cannot look at these images."""
+        """Raises InputError where no worker is there, or one that cannot look at these images.
+
+        The scheduler must know the package too: it unpacks what is to be done.
+        """
         try:
             self._client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+            self._client.run_on_scheduler(_what_is_missing, [])
             lacking = self._client.run(_what_is_missing, [str(path) for path in self._recording.files()])
         except TimeoutError:
             raise InputError(
@@ -92,8 +96,8 @@ class ClusterWorkers:
             ) from None
         except Exception as error:  # whatever goes wrong in another program
             raise InputError(
-                f"the workers of {self._scheduler} cannot look at images: {first_line(error)}; "
-                "they need fisheye_ep_calib of this version"
+                f"scheduler and workers of {self._scheduler} cannot look at images: {first_line(error)}; "
+                "all need fisheye_ep_calib of this version"
             ) from None
         for worker, path in lacking.items():
             if path:
