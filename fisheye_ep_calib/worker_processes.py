@@ -43,6 +43,19 @@ def inherited_by_workers() -> Iterator[None]:
                     os.environ[name] = value
 
 
+@contextlib.contextmanager
+def deaf_to_interrupts() -> Iterator[None]:
+    """A second Ctrl-C must not break off what cleans up after the first. For the main thread; others hear none."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def prepare_worker() -> None:
     """To be called in a worker first: OpenCV keeps to one thread too, and the process ends with its parent."""
     import cv2

@@ -24,7 +24,7 @@ from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.detection import Detection, Detector
-from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
+from fisheye_ep_calib.worker_processes import deaf_to_interrupts, inherited_by_workers, prepare_worker
 
 QUEUED_A_WORKER = 6  # images, so that workers go on while the next round is planned
 
@@ -70,14 +70,18 @@ class FrameWorkers:
         return self._ready.popleft() if self._ready else None
 
     def close(self) -> None:
-        """Forget what waits, and end the workers once they have finished the image in hand."""
-        self._waiting.clear()
-        self._running.clear()
-        self._ready.clear()
-        self._end_pool()
-        if self._search is not None:
-            self._search.close()
-            self._search = None
+        """Forget what waits and what is in hand, and end the workers at once."""
+        with deaf_to_interrupts():
+            if self._running and self._pool is not None:
+                for process in list((self._pool._processes or {}).values()):
+                    process.kill()
+            self._waiting.clear()
+            self._running.clear()
+            self._ready.clear()
+            self._end_pool()
+            if self._search is not None:
+                self._search.close()
+                self._search = None
 
     def _look_here(self, job: Job) -> FrameResult:
         threads = cv2.getNumThreads()

@@ -181,8 +181,10 @@ def _say_what_differs(finished: list[Device], arguments: argparse.Namespace) -> 
 
 
 def _shows(observations: Observations, target: Target) -> bool:
-    same = np.array_equal(observations.object_points, target.object_points)
-    return same and observations.disc_radius == target.disc_radius
+    """Whether the observations are of this target; files hold rounded numbers."""
+    radii = [-1.0 if radius is None else radius for radius in (observations.disc_radius, target.disc_radius)]
+    pairs = [(observations.object_points, target.object_points), radii]
+    return all(np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=0, atol=1e-9) for a, b in pairs)
 
 
 def _resolved(sources: str) -> list[Path]:

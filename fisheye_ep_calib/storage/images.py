@@ -87,6 +87,8 @@ def checked_samples(message) -> tuple[np.ndarray, Layout]:
         raise InputError(f"the image's step is {step} bytes, but a row of {width} pixels takes {row_bytes}")
     data = as_bytes(message.data)
     rows = int(height * layout.rows)
+    if step > row_bytes and len(data) == (rows - 1) * step + row_bytes:  # the last row's padding was left out
+        data = np.concatenate([data, np.zeros(step - row_bytes, dtype=np.uint8)])
     if len(data) != rows * step:
         raise InputError(
             f"the image's header says {rows} rows × {step} bytes = {rows * step}, but there are {len(data)}"

@@ -1,5 +1,6 @@
 """Looking for a target in recordings, whatever happens on the way."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -198,6 +199,24 @@ def test_ctrl_c_in_a_terminal_ends_workers_without_a_traceback(tmp_path, found_b
     assert interrupted == "True" and found_before <= int(views) < 100
     assert errors == ""
     assert within(10, lambda: not group_exists(process.pid))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal to a process group")
+def test_a_second_ctrl_c_does_not_break_off_the_clean_up(tmp_path, monkeypatch):
+    folder = write_folder(tmp_path / "front", [picture(SLOW, x=i) for i in range(100)])
+    with open_recording(folder) as recording:
+        workers = FrameWorkers(recording, TARGET.detector(), 2)
+        workers.add([Job("front", index) for index in range(100)])
+        workers.next_result()
+        ended = workers._end_pool
+        monkeypatch.setattr(workers, "_end_pool", lambda: (os.kill(os.getpid(), signal.SIGINT), ended()))
+        search, started = Path(workers._search.name), time.monotonic()
+        workers.close()
+        assert time.monotonic() - started < 5 and not search.exists()
+    assert multiprocessing.active_children() == []
+    with pytest.raises(KeyboardInterrupt):  # heard again
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(1)
 
 
 def within(seconds, condition) -> bool:

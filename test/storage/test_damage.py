@@ -1,5 +1,6 @@
 """Damaged recordings: what is readable is used, what is lost is said, and nothing else ever happens."""
 
+import struct
 import time
 
 import numpy as np
@@ -144,3 +145,37 @@ def test_a_chunk_that_holds_more_than_it_declares_is_refused(tmp_path, compressi
     path.write_bytes(content)
     with open_recording(path) as recording, pytest.raises(InputError, match="more than it declares"):
         recording.frame(TOPIC, 0).image()
+
+
+def test_a_garbage_record_that_looks_like_the_end_is_told(tmp_path):
+    content = bytearray(mcap_bytes(messages(PICTURES, TOPIC), use_chunking=False))
+    found = [position for position, opcode, _ in mcap_records(content) if opcode == 5]
+    content[found[6]] = 15
+    (tmp_path / "a.mcap").write_bytes(content)
+    with open_recording(tmp_path / "a.mcap") as recording:
+        assert recording.count(TOPIC) == 6 and "the 6 images" in recording.problems[0]
+
+
+def mcap_records(content):
+    position = 8
+    while position < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, position)
+        yield position, opcode, length
+        position += 9 + length
+
+
+@pytest.mark.parametrize("compression", ["bz2", "lz4"])
+def test_a_packed_chunk_that_is_too_short_is_told(tmp_path, compression):
+    bag = write_ros1(tmp_path / "a.bag", RECORDED, compression)
+    content = bytearray(bag.read_bytes())
+    position = 13
+    while True:
+        data = position + 4 + int.from_bytes(content[position : position + 4], "little")
+        length = int.from_bytes(content[data : data + 4], "little")
+        if b"op=\x05" in content[position:data]:
+            break
+        position = data + 4 + length
+    content[data : data + 4] = (length - 300).to_bytes(4, "little")
+    bag.write_bytes(content)
+    with open_recording(bag) as recording:
+        assert recording.count(TOPIC) < len(PICTURES) and recording.problems

@@ -73,13 +73,14 @@ class BagFile(BagSource):
         lost = 0
         for position in chunks:
             try:
-                self._index_chunk(stream, position)
+                lost += not self._index_chunk(stream, position)
             except (Damaged, InputError):
                 lost += 1
         if not complete:
-            self.problems.append(f"{self.path}: not indexed, cut short or damaged; what can be read is used")
+            said = f"not indexed, cut short or damaged; the {self.image_count} images it still holds are used"
+            self.problems.append(f"{self.path}: {said}")
         if lost:
-            self.problems.append(f"{self.path}: {lost} of {len(chunks)} chunks are damaged and lost")
+            self.problems.append(f"{self.path}: {lost} of {len(chunks)} chunks are damaged; images in them are lost")
 
     def _chunk_positions(self, stream: BinaryIO) -> tuple[list[int], bool]:
         """Where the chunks are, from the index at the end or by walking, and whether the bag is whole."""
@@ -136,8 +137,11 @@ class BagFile(BagSource):
         if self._add_topic(topic, type_name, "ros1"):
             self._connections[number] = topic
 
-    def _index_chunk(self, stream: BinaryIO, position: int) -> None:
-        """List the images of a chunk from the index records that follow it, or else from its own records."""
+    def _index_chunk(self, stream: BinaryIO, position: int) -> bool:
+        """List the images of a chunk from the index records that follow it, or else from its own records.
+
+        False where some of its own records are lost.
+        """
         chunk = _record_at(stream, position)
         if chunk.kind != CHUNK or chunk.end > self._size:
             raise Damaged
@@ -153,11 +157,13 @@ class BagFile(BagSource):
             indexed = after > chunk.end
         except Damaged:
             indexed = False
+        whole = True
         if not indexed or self._follows_unknown_connection(stream, after):
-            found = self._walk_chunk(stream, chunk, position)
+            found, whole = self._walk_chunk(stream, chunk, position)
         for connection, entry in found:
             if connection in self._connections:
                 self.entries[self._connections[connection]].append(entry)
+        return whole
 
     def _follows_unknown_connection(self, stream: BinaryIO, position: int) -> bool:
         try:
@@ -175,7 +181,8 @@ class BagFile(BagSource):
             for seconds, nanoseconds, offset in struct.iter_unpack("<III", content)
         ]
 
-    def _walk_chunk(self, stream: BinaryIO, chunk: Record, position: int) -> list[tuple[int, Entry]]:
+    def _walk_chunk(self, stream: BinaryIO, chunk: Record, position: int) -> tuple[list[tuple[int, Entry]], bool]:
+        """Connections and entries of the messages in a chunk, and whether the chunk holds what it declares."""
         content = self._chunk_content(stream, chunk)
         records = BytesIO(content)
         found = []
@@ -189,7 +196,7 @@ class BagFile(BagSource):
             elif record.kind == MESSAGE:
                 found.append((record.number("conn"), Entry(record.time(), (position, offset))))
             offset = record.end
-        return found
+        return found, len(content) == chunk.number("size")
 
     def _chunk_content(self, stream: BinaryIO, chunk: Record) -> bytes:
         declared = chunk.number("size")

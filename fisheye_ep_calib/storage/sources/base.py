@@ -62,6 +62,11 @@ class Source:
             entries.sort(key=lambda entry: entry.stamp_ns)
         return source
 
+    @property
+    def image_count(self) -> int:
+        """Images of all topics."""
+        return sum(len(entries) for entries in self.entries.values())
+
     def list_images(self) -> None:
         """Fill in topics, entries and problems."""
         raise NotImplementedError

@@ -27,7 +27,13 @@ class Db3File(BagSource):
             # What lies beyond the damage may still be reached from the other end.
             self._collect(rows, "DESC", rows[-1][0] if rows else None)
         if not complete or self._is_cut_short():
-            self.problems.append(f"{self.path}: the database is cut short or damaged; what can be read is used")
+            said = f"cut short or damaged; the {len(rows)} messages that can be read are used"
+            self.problems.append(f"{self.path}: the database is {said}")
+        if self._journal_pends() and not self._may_write_beside():
+            self.problems.append(
+                f"{self.path}: its latest messages are in a journal that can only be read where one may write; "
+                "copy the folder to such a place"
+            )
         self._connection().execute("PRAGMA cell_size_check = OFF")
         for row, topic_id, stamp in sorted(rows):
             if topic_id in topics:
@@ -74,12 +80,9 @@ class Db3File(BagSource):
 
     def _connection(self) -> sqlite3.Connection:
         if self._file is None:
-            journal = Path(f"{self.path}-wal")
-            # SQLite reads a journal only where it may write beside it.
-            writable = os.access(self.path.absolute().parent, os.W_OK)
-            pending = writable and journal.exists() and journal.stat().st_size > 0
             # Immutable: nothing is created beside the user's file. Not where the recorder left its journal.
-            options = "mode=ro" if pending else "mode=ro&immutable=1"
+            journal = self._journal_pends() and self._may_write_beside()
+            options = "mode=ro" if journal else "mode=ro&immutable=1"
             uri = f"file:{quote(str(self.path.absolute()))}?{options}"
             try:
                 self._file = sqlite3.connect(uri, uri=True, check_same_thread=False)
@@ -90,6 +93,14 @@ class Db3File(BagSource):
                 raise InputError(f"{self.path} cannot be opened: {error}") from None
         note_use(self)
         return self._file
+
+    def _journal_pends(self) -> bool:
+        journal = Path(f"{self.path}-wal")
+        return journal.exists() and journal.stat().st_size > 0
+
+    def _may_write_beside(self) -> bool:
+        """SQLite reads a journal only there."""
+        return os.access(self.path.absolute().parent, os.W_OK)
 
     def read(self, topic: str, entry: Entry) -> bytes:
         try:

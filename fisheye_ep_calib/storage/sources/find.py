@@ -13,7 +13,8 @@ import yaml
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
-from fisheye_ep_calib.storage.sources.base import Source
+from fisheye_ep_calib.storage.sources.base import BagSource, Source
+from fisheye_ep_calib.storage.sources.copies import without_copies
 from fisheye_ep_calib.storage.sources.image_files import ImageFiles, is_image_file, natural_order
 
 MAX_METADATA_BYTES = 2**24
@@ -62,15 +63,18 @@ def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> tuple[lis
                 sources += _sources_in_folder(path, scratch, problems)
             else:
                 sources.append(_open_bag(path, scratch, problems))
+        taken = {file.resolve() for source in sources if isinstance(source, ImageFiles) for file in source.files}
+        loose_images = [path for path in loose_images if path.resolve() not in taken]
         for folder in dict.fromkeys(path.parent for path in loose_images):
             files = [path for path in loose_images if path.parent == folder]
             sources.append(ImageFiles(folder.absolute().name or "images", files))
+        for source in sources:
+            problems += source.problems
+        problems += without_copies([source for source in sources if isinstance(source, BagSource)])
     except BaseException:
         for source in sources:
             source.close()
         raise
-    for source in sources:
-        problems += source.problems
     return sources, problems
 
 
@@ -86,7 +90,10 @@ def _expand(paths: Sequence[str | os.PathLike]) -> list[Path]:
         if not matches:
             raise InputError(f"{name} does not exist")
         found += matches
-    return list(dict.fromkeys(found))
+    each: dict[Path, Path] = {}
+    for path in found:
+        each.setdefault(path.resolve(), path)
+    return list(each.values())
 
 
 def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list[Source]:
@@ -95,9 +102,11 @@ def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list
     except OSError as error:
         raise InputError(f"{folder} cannot be read: {error.strerror or error}") from None
     bags = [path for path in contents if path.is_file() and _bag_suffix(path)]
-    if bags or (folder / "metadata.yaml").exists():
-        return _sources_of_bag_folder(folder, bags, scratch, problems)
+    unpacked = {path.with_suffix("") for path in bags if path.suffix == ".zstd"}  # players leave these beside
+    bags = [path for path in bags if path not in unpacked]
     images = [path for path in contents if is_image_file(path)]
+    if bags or (not images and (folder / "metadata.yaml").exists()):
+        return _sources_of_bag_folder(folder, bags, scratch, problems)
     if images:
         return [ImageFiles(folder.absolute().name or "images", images)]
     folders = [path for path in contents if path.is_dir() and not path.name.startswith(".")]
@@ -111,7 +120,12 @@ def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list
 def _sources_of_bag_folder(folder: Path, bags: list[Path], scratch: Path, problems: list[str]) -> list[Source]:
     """The files of a rosbag2 folder, or ROS 1 bags side by side; an unreadable one spares the others."""
     damage: list[str] = []
-    missing = [name for name in _files_listed(folder, damage) if not (folder / name).exists()]
+    listed = _files_listed(folder, damage)
+    missing = [name for name in listed if not (folder / name).exists()]
+    known = {name.removesuffix(".zstd") for name in listed}
+    strange = [path.name for path in bags if listed and path.name.removesuffix(".zstd") not in known]
+    if strange:
+        problems.append(f"{folder}: {', '.join(strange)} not listed in metadata.yaml, but read too")
     if missing:
         problems.append(f"{folder}: {', '.join(missing)} listed in metadata.yaml but not there")
     sources: list[Source] = []
@@ -144,9 +158,10 @@ def _files_listed(folder: Path, problems: list[str]) -> list[str]:
 
 
 def _bag_suffix(path: Path) -> str:
-    """.mcap, .db3 or .bag, also under .zstd; empty for any other file."""
-    name = path.with_suffix("") if path.suffix == ".zstd" else path
-    return name.suffix if name.suffix in [known.suffix for known in BAG_FORMATS] else ""
+    """.mcap, .db3 or .bag, also under .zstd or, while it is recorded, .active; empty for any other file."""
+    name = path.with_suffix("") if path.suffix.lower() in (".zstd", ".active") else path
+    suffix = name.suffix.lower()
+    return suffix if suffix in [known.suffix for known in BAG_FORMATS] else ""
 
 
 def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:

@@ -32,6 +32,7 @@ from fisheye_ep_calib.storage.sources.mcap_records import (
 # message is read, so that one frame of a file that is one chunk does not cost the file.
 VERIFIED_CHUNK_BYTES = 2**24
 OUTSIDE_CHUNKS = -1
+DATA_END_BYTES = 4
 
 
 class McapFile(BagSource):
@@ -96,10 +97,13 @@ class McapFile(BagSource):
             for channel, position in chunk.message_index_offsets.items():
                 if channel in self._channels:
                     self._read_message_index(stream, channel, position, chunk.chunk_start_offset)
-        return not counts or self._listed() == self._counted(counts)
+        if not counts:
+            return not self._has_loose_messages(stream, start)
+        return self.image_count == self._counted(counts)
 
-    def _listed(self) -> int:
-        return sum(len(entries) for entries in self.entries.values())
+    def _has_loose_messages(self, stream: BinaryIO, end: int) -> bool:
+        """Whether there are messages outside chunks, of which an index of chunks says nothing."""
+        return any(record.opcode == Opcode.MESSAGE for record in walk(stream, len(MAGIC), end))
 
     def _counted(self, counts: dict[int, int]) -> int:
         """How many images the file's statistics (channel → messages) speak of."""
@@ -123,6 +127,8 @@ class McapFile(BagSource):
                 if record.opcode == Opcode.FOOTER:
                     break
                 if record.opcode == Opcode.DATA_END:
+                    if record.length != DATA_END_BYTES:
+                        raise CutShort(record.position)
                     ended = True
                 elif record.opcode == Opcode.STATISTICS:
                     counts = parse(stream, record, Statistics).channel_message_counts
@@ -137,15 +143,15 @@ class McapFile(BagSource):
                 self._say_cut_short(cut.position)
         if damaged:
             self.problems.append(f"{self.path}: what {damaged} damaged or incomplete records held is lost")
-        elif ended and self._listed() < self._counted(counts):
-            self.problems.append(f"{self.path}: {self._counted(counts) - self._listed()} images are lost")
+        elif ended and self.image_count < self._counted(counts):
+            self.problems.append(f"{self.path}: {self._counted(counts) - self.image_count} images are lost")
 
     def _say_cut_short(self, position: int) -> None:
         percent = 100 * position / self._size
         if percent >= 99.5:
-            said = f"unfinished or cut short; the {self._listed()} images it still holds are used"
+            said = f"unfinished or cut short; the {self.image_count} images it still holds are used"
         else:
-            said = f"cut short or damaged; the {self._listed()} images before {percent:.0f} % of its length are used"
+            said = f"cut short or damaged; the {self.image_count} images before {percent:.0f} % of its length are used"
         self.problems.append(f"{self.path}: {said}")
 
     def _index_chunk(self, stream: BinaryIO, record: Record) -> bool:
