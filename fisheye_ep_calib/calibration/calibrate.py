@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.adjustment import adjust
+from fisheye_ep_calib.calibration.family_spread import with_family_spread
 from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.model_selection import Candidate, Search, candidate, choose, supported_pupils
 from fisheye_ep_calib.calibration.observations import Observations
@@ -92,16 +93,22 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         "compare": time.perf_counter() - screened,
     }
     _refuse_undetermined(fit)
+    known = uncertainty(fit)
+    if model == AUTO and fit.structure.pupil_terms:
+        known = with_family_spread(known, fit, [one.fit for one in candidates.values() if one.structure.pupil_terms])
+    comparison = {name: _comparison(one) for name, one in candidates.items()}
+    if fit.structure.name in comparison:
+        comparison[fit.structure.name] = replace(comparison[fit.structure.name], covariance=known.covariance)
     camera = replace(fit.state.camera, theta_max=fit.largest_angle)
     return CalibrationResult(
         camera=camera,
         fit=fit,
-        uncertainty=uncertainty(fit),
+        uncertainty=known,
         stand_in=single_viewpoint(camera, settings.svp_distance),
         rejected=screening.rejected,
         wrong_views=screening.wrong_views,
         entrance_pupil_supported=bool(supported_pupils(candidates)),
-        comparison={name: _comparison(one) for name, one in candidates.items()},
+        comparison=comparison,
         reasons=reasons,
         seconds=seconds,
     )

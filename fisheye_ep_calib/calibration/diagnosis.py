@@ -72,6 +72,7 @@ def diagnose(fit: Fit, camera: FisheyeCamera, names: tuple[str, ...]) -> Diagnos
         *([_pupil_against_depth(fit)] if len(camera.coefficients) else []),
         *([_near_far(split, bool(fit.structure.pupil_terms))] if split else []),
         _worst_view(fit, view_rms, names),
+        *_hanging_together(uncertainty(fit).clustering),
     ]
     return Diagnosis(counts, in_image, view_rms, split, tuple(findings))
 
@@ -162,8 +163,13 @@ def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
         if not half.adjustment.converged:
             return None
         seen = half.largest_angle
+        try:
+            known = uncertainty(half)
+        except np.linalg.LinAlgError:  # half of the views leave something open
+            return None
+        # A model that fails makes residuals hang together: that must not excuse it.
+        covariances.append(known.covariance / known.clustering)
         cameras.append(replace(half.state.camera, theta_max=seen))
-        covariances.append(uncertainty(half).covariance)
     near, far = (float(np.median(mean[part])) for part in parts)
     difference = camera_difference(cameras[0], cameras[1], (np.inf,), (covariances[0], covariances[1]))
     return NearFarSplit(near, far, difference)
@@ -206,6 +212,14 @@ def _view_rms(fit: Fit) -> np.ndarray:
     views = len(fit.sightings.images)
     count = np.maximum(np.bincount(view, minlength=views), 1)
     return np.sqrt(np.bincount(view, weights=square, minlength=views) / count)
+
+
+def _hanging_together(clustering: float) -> list[Finding]:
+    if clustering == 1:
+        return []
+    wider = float(np.sqrt(clustering))
+    told = f"the points of a view err together: bands are {wider:.1f} times as wide as their scatter alone would give"
+    return [Finding("errors that hang together", {"widening": wider}, False, told)]
 
 
 def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...]) -> Finding:

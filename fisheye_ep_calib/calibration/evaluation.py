@@ -15,6 +15,7 @@ from fisheye_ep_calib.calibration.views import view_blocks
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 
+_FAR_OFF = 0.01  # of the image's longer side: a first pose with a larger median error is refitted before it is judged
 _LOST = 0.05  # of the image's longer side: a view whose median error stays above has no pose
 
 
@@ -67,6 +68,7 @@ def evaluate_camera(
         theta_limit=camera.theta_limit,
     )
     state = AdjustmentState(camera, ray_poses(camera, sightings), warp)
+    state = _close_ups_refitted(problem, state, sightings)
     lost = _views_where(_median_error(problem, state, sightings) > _LOST * max(observations.image_size), sightings)
     failed |= dict.fromkeys(lost, "no pose explains its points")
     problem, state, sightings = _without(lost, problem, state, sightings)
@@ -89,6 +91,23 @@ def evaluate_camera(
         float(np.quantile(length, 0.95)),
         int(used.sum()),
     )
+
+
+def _close_ups_refitted(
+    problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings
+) -> AdjustmentState:
+    """Poses in which views far off their points are refitted: rays do not meet in one point, least of all close up."""
+    off = np.flatnonzero(_median_error(problem, state, sightings) > _FAR_OFF * max(sightings.observations.image_size))
+    if len(off) == 0:
+        return state
+    part = of_images(sightings, sightings.images[off])
+    start = replace(state, camera_from_target=state.camera_from_target[off])
+    _, _, valid = residuals(problem, state, len(sightings.observations.pixels))
+    visible = replace(sightings.observations, weights=np.where(valid, sightings.observations.weights, 0.0))
+    found = adjust(replace(problem, blocks=view_blocks(visible, part.images)), start).state.camera_from_target
+    poses = state.camera_from_target.copy()
+    poses[off] = found
+    return replace(state, camera_from_target=poses)
 
 
 def _views_where(marked: np.ndarray, sightings: Sightings) -> list[int]:

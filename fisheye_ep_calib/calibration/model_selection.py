@@ -15,6 +15,7 @@ from fisheye_ep_calib.camera import PUPIL_FAMILIES
 
 _WARP = "board warp"
 _CLUSTERS_BEYOND_TERMS = 5  # views beyond the number of tested parameters that the view-robust test needs
+_FURTHER = 0.01  # for further terms of a pupil that is there: one too many costs variance only, not trust
 _SIGNIFICANCE = 0.001  # of a nested test; shared by several that ask the same (Bonferroni)
 
 
@@ -80,7 +81,7 @@ def _wald_test(rich: Fit, plain: Fit) -> float:
         statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
     except np.linalg.LinAlgError:  # nothing is known about them
         return 1.0
-    return float(fdtrc(len(tested), views - len(tested), statistic))
+    return float(fdtrc(len(tested), views - len(tested), statistic)) if np.isfinite(statistic) else 1.0
 
 
 def supported(rich: Candidate, plain: Candidate, significance: float = _SIGNIFICANCE) -> bool:
@@ -145,7 +146,7 @@ def _with_further_terms(chosen: Candidate, reasons: list[str]) -> Candidate:
     most = PUPIL_FAMILIES[chosen.structure.model].max_terms
     for terms in range(chosen.structure.pupil_terms + 1, most + 1):
         richer = candidate(chosen.fit, replace(chosen.structure, terms=terms))
-        kept = supported(richer, chosen)
+        kept = supported(richer, chosen, _FURTHER)
         reasons.append(_reason(f"{terms} terms of {chosen.structure.model}", richer, chosen, kept))
         if kept:
             chosen = richer

@@ -124,13 +124,40 @@ def reduced_information(equations: NormalEquations) -> np.ndarray:
     return 0.5 * (reduced + reduced.T)
 
 
+def view_clustering(equations: NormalEquations, variance: float) -> tuple[float, float]:
+    """How much more the views' scores scatter than independent residuals of that variance would let them, and its σ.
+
+    With s_j the scores of ``view_robust_covariance``, I_j what view j tells, I = Σ I_j, A_j = I⁻¹ I_j and B = Σ A_j²:
+    as Σ s_j = 0, independent residuals have Cov(s_j, s_k) = σ² (δ_jk I_j − I_j I⁻¹ I_k), so that q = Σ s_jᵀ I⁻¹ s_j has
+    the mean σ² (S − tr B) and the variance 2 σ⁴ (tr B − 2 Σ tr A_j³ + tr B²). Returned: q over its mean, 1 then.
+    """
+    scores = _scores(equations)
+    settled = np.linalg.solve(equations.pose, equations.mixed)
+    each = equations.by_view[:, 6:-1, 6:-1] - np.swapaxes(equations.mixed, 1, 2) @ settled
+    size = each.shape[1]
+    information = each.sum(axis=0)
+    shares = solve_scaled(information, each.transpose(1, 0, 2).reshape(size, -1)).reshape(size, -1, size).swapaxes(0, 1)
+    squares = shares @ shares
+    total = squares.sum(axis=0)
+    cubes = float(np.einsum("vij,vji->", squares, shares))
+    scatter = float(np.trace(total) - 2 * cubes + np.trace(total @ total))
+    found = float((scores * solve_scaled(information, scores.T).T).sum()) / max(variance, 1e-300)
+    expected = max(size - float(np.trace(total)), 1e-3 * size)
+    return found / expected, float(np.sqrt(2 * max(scatter, 0.0))) / expected
+
+
+def _scores(equations: NormalEquations) -> np.ndarray:
+    """s_j (V, S): the gradient by the shared parameters that each view leaves once its pose has settled."""
+    solved = np.linalg.solve(equations.pose, equations.pose_gradient[..., None])
+    return equations.by_view[:, 6:-1, -1] - (np.swapaxes(equations.mixed, 1, 2) @ solved)[..., 0]
+
+
 def view_robust_covariance(equations: NormalEquations) -> np.ndarray:
     """Covariance (S, S) of the shared parameters with residuals of one view free to correlate.
 
     The sandwich I⁻¹ (V/(V − 1) Σ_j s_j s_jᵀ) I⁻¹ over the views' scores s_j = g_sj − B_jᵀ A_j⁻¹ g_j.
     """
-    solved = np.linalg.solve(equations.pose, equations.pose_gradient[..., None])
-    scores = equations.by_view[:, 6:-1, -1] - (np.swapaxes(equations.mixed, 1, 2) @ solved)[..., 0]
+    scores = _scores(equations)
     views = len(scores)
     information = reduced_information(equations)
     half = solve_scaled(information, scores.T)

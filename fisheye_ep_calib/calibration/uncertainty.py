@@ -11,17 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from fisheye_ep_calib.calibration.fit import Fit
-from fisheye_ep_calib.calibration.normal_equations import reduced_information, solve_scaled
+from fisheye_ep_calib.calibration.normal_equations import reduced_information, solve_scaled, view_clustering
 from fisheye_ep_calib.calibration.prediction import predict
 from fisheye_ep_calib.calibration.robust import noise_variance
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.rotation import motion_jacobian
+
+_SURE = 3.0  # standard errors beyond which residuals are taken to hang together
 
 
 @dataclass(frozen=True)
 class Uncertainty:
     """sigma_px: noise of one coordinate. covariance (P, P): of camera.parameters, zero where fixed.
 
+    clustering: by how much the residuals of a view, which hang together, raise the covariances; 1 where they do not.
     shared (S, S): the same with the board warp, only what was estimated. gauge (6, S): the rigid motion of all
     boards, (ω, t) rad and metres, that best makes up for a change of the shared parameters.
     """
@@ -30,6 +33,7 @@ class Uncertainty:
     covariance: np.ndarray
     shared: np.ndarray
     gauge: np.ndarray
+    clustering: float = 1.0
 
 
 def uncertainty(fit: Fit) -> Uncertainty:
@@ -37,12 +41,25 @@ def uncertainty(fit: Fit) -> Uncertainty:
     equations = fit.adjustment.equations
     variance, weight = noise_variance(fit.problem.loss, fit.weighted_square, fit.degrees_of_freedom)
     information = reduced_information(equations) / weight
-    shared = variance * solve_scaled(information, np.eye(len(information)))
+    clustering = _clustering(fit, variance)
+    shared = clustering * variance * solve_scaled(information, np.eye(len(information)))
     shared = 0.5 * (shared + shared.T)
     free = np.flatnonzero(fit.problem.free)
     covariance = np.zeros((len(fit.problem.free),) * 2)
     covariance[np.ix_(free, free)] = shared[: len(free), : len(free)]
-    return Uncertainty(float(np.sqrt(variance)), covariance, shared, _gauge(fit))
+    return Uncertainty(float(np.sqrt(variance)), covariance, shared, _gauge(fit), clustering)
+
+
+def _clustering(fit: Fit, variance: float) -> float:
+    """What multiplies the covariances where residuals of a view are surely not independent, else 1.
+
+    A board that is not quite as its file says, or light that pulls all features one way, moves a view's points
+    together: their number then promises more than they tell.
+    """
+    if fit.problem.loss.kind != "linear" or fit.problem.shared_size == 0:
+        return 1.0
+    ratio, sigma = view_clustering(fit.adjustment.equations, variance)
+    return ratio if ratio > 1 + _SURE * sigma else 1.0
 
 
 def _gauge(fit: Fit) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 from fisheye_ep_calib.camera.pupils import PupilFamily, entrance_pupil, entrance_pupil_derivative
 
 _NEWTON_STEPS = 8
+_LEAST_SLOPE = 1e-4  # of the distance: on the caustic, where the slope is zero, a pixel's derivatives are infinite
 _SMALL_STEP = 1e-8  # rad; the steps converge quadratically, so that the next one is below rounding
 
 
@@ -65,14 +66,15 @@ def solve_incidence_angle(
         distance = np.sqrt(rho * rho + axial * axial)
         sine, cosine = rho / distance, axial / distance
         slope = distance + entrance_pupil_derivative(family, theta, coefficients) * sine
-        solved = (np.abs(step) < _SMALL_STEP) & (theta >= 0) & (theta <= theta_limit) & (slope > 0)
+        solved = (np.abs(step) < _SMALL_STEP) & (theta >= 0) & (theta <= theta_limit)
+        solved &= slope > _LEAST_SLOPE * distance
     if solved.all():
         return IncidenceAngle(theta, sine, cosine, slope, solved)
     theta = np.where(solved, theta, theta_limit)
     theta[~solved] = _solve_in_bracket(rho[~solved], z[~solved], family, coefficients, theta_limit)
     value, slope, sine, cosine = _equation(theta, rho, z, family, coefficients)
     distance = np.hypot(rho, z + entrance_pupil(family, theta, coefficients))
-    valid = (np.abs(value) <= 1e-9 * distance) & (slope > 0) & (distance > 0)
+    valid = (np.abs(value) <= 1e-9 * distance) & (slope > _LEAST_SLOPE * distance) & (distance > 0)
     return IncidenceAngle(theta, sine, cosine, slope, valid)
 
 

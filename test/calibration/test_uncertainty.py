@@ -142,6 +142,60 @@ def test_projection_uncertainty_grows_outside_the_recorded_distances() -> None:
     assert table.sigma_px[:, 1].max() < NOISE
 
 
+def bent(seed: int) -> Observations:
+    """Each view's points are also moved by a smooth field of its own, as by a board that is not quite flat."""
+    clean = seen(CAMERA, BOARD.object_points, poses_of(), noise=0.0)
+    rng = np.random.default_rng([seed, 11])
+    x, y = (BOARD.object_points[clean.point_index, :2] / np.ptp(BOARD.object_points[:, :2], axis=0)).T
+    shapes = np.stack([np.cos(np.pi * a * x) * np.cos(np.pi * b * y) for a in range(3) for b in range(3)], axis=-1)
+    field = rng.normal(0, 0.05, (25, 9, 2))[clean.image_index]
+    moved = (shapes[..., None] * field).sum(axis=1) + rng.normal(0, 0.05, clean.pixels.shape)
+    return replace(clean, pixels=clean.pixels + moved)
+
+
+def test_residuals_that_hang_together_widen_the_bands_and_independent_ones_do_not() -> None:
+    known = calibrate(bent(0), "ep_even").uncertainty
+    assert known.clustering > 3
+    independent = [result.uncertainty.clustering for result in draws(10)]
+    assert independent == [1.0] * 10
+
+
+@pytest.mark.slow
+def test_bands_hold_where_residuals_hang_together() -> None:
+    off = []
+    for seed in range(60):
+        result = calibrate(bent(seed), "ep_even")
+        sigma = pupil_sigma(result.camera, result.uncertainty.covariance, THETA)
+        off.append((result.camera.entrance_pupil(THETA) - CAMERA.entrance_pupil(THETA)) / sigma)
+    spread = np.sqrt(np.mean(np.square(off), axis=0))
+    assert (spread > 0.6).all() and (spread < 1.5).all()  # taken as independent: 2 and more
+
+
+def test_a_family_that_was_chosen_knows_less_than_one_that_was_given() -> None:
+    observations = seen_board(noise=0.3)
+    chosen = calibrate(observations)
+    given = calibrate(observations, chosen.model, skew="skew" in chosen.fit.shared_parameters[0])
+    assert chosen.entrance_pupil_supported and chosen.camera.parameter_names == given.camera.parameter_names
+    more = chosen.uncertainty.covariance - given.uncertainty.covariance
+    assert np.linalg.eigvalsh(more)[-1] > 0
+    wider = pupil_sigma(chosen.camera, chosen.uncertainty.covariance, THETA)
+    assert (wider >= pupil_sigma(given.camera, given.uncertainty.covariance, THETA)).all()
+    assert chosen.comparison[chosen.model].covariance is chosen.uncertainty.covariance
+
+
+@pytest.mark.slow
+def test_bands_hold_whatever_family_is_chosen() -> None:
+    off = []
+    for seed in range(40):
+        clean = seen(CAMERA, BOARD.object_points, poses_of(), noise=0.0)
+        noise = np.random.default_rng([seed, 12]).normal(0, 0.15, clean.pixels.shape)
+        result = calibrate(replace(clean, pixels=clean.pixels + noise))
+        assert result.entrance_pupil_supported
+        sigma = pupil_sigma(result.camera, result.uncertainty.covariance, THETA)
+        off.append(np.abs(result.camera.entrance_pupil(THETA) - CAMERA.entrance_pupil(THETA)) / sigma)
+    assert (np.mean(np.array(off) > 2, axis=0) <= 0.1).all()
+
+
 def test_noise_free_views_are_known_exactly() -> None:
     result = calibrate(seen(CAMERA, BOARD.object_points, poses_of(), noise=0.0), "ep_even")
     assert result.uncertainty.sigma_px < 1e-6 and np.isfinite(result.uncertainty.covariance).all()
