@@ -17,6 +17,9 @@ from functools import cached_property
 import numpy as np
 
 
+_BOUNDLESS = 1e30  # of a step, in radians, metres or pixels
+
+
 @dataclass(frozen=True)
 class NormalEquations:
     """by_view (V, 6 + S + 1, 6 + S + 1): JᵀJ of each view for the columns (pose, shared, residual).
@@ -81,7 +84,7 @@ def _reduce(pose, mixed, shared, pose_gradient, shared_gradient):
 def solve_damped(equations: NormalEquations, damping: float) -> Step:
     """The Levenberg–Marquardt step: diagonal entries multiplied by 1 + damping (Marquardt's scaling).
 
-    Raises numpy.linalg.LinAlgError where a pose block is singular.
+    Raises numpy.linalg.LinAlgError where a pose block is singular, or so nearly that the step knows no bounds.
     """
     diagonal = np.arange(6)
     pose = equations.pose.copy()
@@ -94,6 +97,8 @@ def solve_damped(equations: NormalEquations, damping: float) -> Step:
     )
     shared_step = -solve_scaled(reduced, gradient)
     pose_step = -(solved[..., size] + solved[..., :size] @ shared_step)
+    if not max(np.abs(pose_step).max(initial=0.0), np.abs(shared_step).max(initial=0.0)) < _BOUNDLESS:
+        raise np.linalg.LinAlgError
     linear = shared_step @ equations.shared_gradient + (pose_step * equations.pose_gradient).sum()
     damped = (
         (pose_step**2 * equations.pose[:, diagonal, diagonal]).sum()
