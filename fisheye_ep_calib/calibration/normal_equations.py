@@ -16,7 +16,6 @@ from functools import cached_property
 
 import numpy as np
 
-
 _BOUNDLESS = 1e30  # of a step, in radians, metres or pixels
 
 
