@@ -19,6 +19,7 @@ from known_scenes import CAMERA
 
 import fisheye_ep_calib
 from fisheye_ep_calib.calibration import Observations, calibrate
+from fisheye_ep_calib.commands.sources import image_stem, numbered_alike, safe_name
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 from fisheye_ep_calib.storage.observation_file import load_observations, save_observations
 
@@ -216,7 +217,7 @@ def test_several_observation_files_are_several_cameras(command, observation_file
 
 
 def test_names_of_files_never_become_paths(command, observation_file, tmp_path) -> None:
-    odd = ["..npz", "a b;$(touch x).npz", "-dash.npz", "é.npz", os.fsdecode(b"\xff.npz")]
+    odd = ["..npz", "a b;$(touch x).npz", "-dash.npz", "é.npz", "前.npz", os.fsdecode(b"\xff.npz")]
     for number, name in enumerate(odd):
         (tmp_path / name).write_bytes(observation_file.read_bytes())
         out = tmp_path / f"out{number}"
@@ -224,12 +225,21 @@ def test_names_of_files_never_become_paths(command, observation_file, tmp_path) 
         ended = command("calibrate", f"./{name}", "--output", out, "--model", "kannala", "--json", *report)
         assert ended.code == 0, ended.err
         (key,) = ended.json["cameras"]
-        assert re.fullmatch("[A-Za-z0-9_.-]+", key)
+        assert re.fullmatch(r"\w[\w.-]*", key)
         written = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
         assert written - {"report.html"} == {f"{key}.yaml", f"observations/{key}.npz", "calibration.json"}
         assert command("show", out / f"{key}.yaml", "--json").json["name"] == key
         json.loads((out / "calibration.json").read_text())
     assert not (tmp_path / "x").exists()
+
+
+def test_names_are_safe_and_keep_the_letters_of_every_script() -> None:
+    names = ("前", "а b", "e\u0301", "../../x", "...", "a/b\\c", "a\0b\n", "\udcff", "\u202ea", "x" * 999, "字" * 99)
+    safe = ("前", "а_b", "é", "x", "camera", "a_b_c", "a_b", "camera", "a", "x" * 200, "字" * 66)
+    assert tuple(map(safe_name, names)) == safe
+    images = ("a.png", "a.jpg", "A.bmp", "../../x.png", "...", "12.000000034", "12.000000035")
+    stems = ["a", "a_2", "A_3", "x", "camera", "12.000000034", "12.000000035"]
+    assert numbered_alike(map(image_stem, images)) == stems
 
 
 def test_the_papers_printed_equation_is_compared_but_not_saved(command, observation_file, tmp_path) -> None:

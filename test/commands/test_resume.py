@@ -114,6 +114,11 @@ def test_an_interruption_before_anything_was_seen_leaves_nothing(command, words,
     assert not list(tmp_path.iterdir())
 
 
+def test_one_image_is_not_called_images(command, words, looked):
+    looked.stop = 1
+    assert "; what 1 image showed is kept in" in command(*words).err.splitlines()[-1]
+
+
 def test_nothing_to_resume_is_said(command, words, looked, tmp_path):
     ended = command(*words, "--resume")
     assert ended.code == 0 and "nothing to resume" in ended.err and len(looked) == 24
