@@ -12,6 +12,7 @@ from fisheye_ep_calib.report.figures.style import FAINT, MAP, PAPER, SERIES, ima
 
 _BINS = (24, 20)
 _LEVELS = 8
+_ROUND = 15  # parts of a wide cell, whose sides would be straight
 
 
 def coverage_figure(coverage: Coverage, identity: str) -> str:
@@ -25,9 +26,9 @@ def coverage_figure(coverage: Coverage, identity: str) -> str:
         axes.grid(False)
         counts = np.ma.masked_equal(coverage.counts, 0)
         mesh = axes.pcolormesh(azimuth, radius, counts, cmap=MAP, norm=_count_norm(counts), rasterized=True)
-        missing = np.ma.masked_equal(coverage.missing.astype(float), 0)
+        missing = np.ma.masked_equal(np.repeat(coverage.missing.astype(float), _ROUND, axis=1), 0)
         if missing.count():
-            edges = _edges(coverage.missing, coverage.missing_ring_degrees)
+            edges = _edges(coverage.missing, coverage.missing_ring_degrees, _ROUND)
             axes.pcolormesh(*edges, missing, cmap=_one_color(SERIES[4]), vmin=0, vmax=1, rasterized=True)
             axes.set_rmax(last)
         axes.grid(True, color=FAINT, lw=0.5)
@@ -86,11 +87,11 @@ def uncertainty_figure(found: UncertaintyMap, size: tuple[int, int], identity: s
     return svg(draw, identity, (4.6, 0.6 + 3.4 * height / width))
 
 
-def _edges(cells: np.ndarray, ring_degrees: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of cells (rings, sectors): azimuths (sectors + 1,), rad, and radii (rings + 1,), degrees."""
+def _edges(cells: np.ndarray, ring_degrees: float, parts: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Of cells (rings, sectors): azimuths (parts · sectors + 1,), rad, and radii (rings + 1,), degrees."""
     rings, sectors = cells.shape
     half = np.pi / sectors
-    return np.linspace(-half, 2 * np.pi - half, sectors + 1), ring_degrees * np.arange(rings + 1)
+    return np.linspace(-half, 2 * np.pi - half, parts * sectors + 1), ring_degrees * np.arange(rings + 1)
 
 
 def _count_norm(counts: np.ma.MaskedArray):
