@@ -25,6 +25,7 @@ TEST = [
     "pytest-timeout>=2.3",
     "pytest-xdist>=3.5",
     "hypothesis>=6.100",
+    "jsonschema>=4.17",
     "ruff>=0.6",
     "mypy>=1.10",
     "types-PyYAML",

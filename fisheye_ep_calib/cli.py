@@ -1,79 +1,40 @@
-"""The command ``fisheye_ep_calib``: parses arguments, turns errors into one line and an exit code."""
+"""The command ``fisheye_ep_calib``: turns errors into one line and an exit code.
+
+It imports next to nothing before ``main`` is in charge, which an interruption may reach at any time.
+"""
 
 from __future__ import annotations
 
-import argparse
-import importlib
 import io
-import logging
 import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
-from typing import NoReturn
 
 from fisheye_ep_calib.errors import CalibrationError
 
+TYPE_CHECKING = False  # typing's own would have to be imported
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
 PROGRAM = "fisheye_ep_calib"
-COMMANDS = {
-    "calibrate": "calibrate cameras from bags, image folders or observation files",
-    "calibrate-fleet": "calibrate many devices, a recording each, and find the odd ones out",
-    "evaluate": "measure a camera file on other images, the camera frozen",
-    "detect": "find the target in images and show what was found",
-    "compare": "how two camera files differ in pixels, against their uncertainties",
-    "show": "print a camera file: intrinsics, entrance pupil, what is known about them",
-    "rig": "where calibrated cameras are to each other, from views of one target",
-    "rectify": "images without the fisheye's distortion, the pupil's shift corrected for a distance",
-    "target": "write a target true to scale, to print",
-    "simulate": "write images of a known camera as a bag",
-    "demo": "the whole way once, on rendered images",
-}
-DESCRIPTION = (
-    "Fisheye calibration with a moving entrance pupil: offline from bags, or live as a ROS 2 node (ros2 run "
-    "fisheye_ep_calib calibrator)."
-)
-
-
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without the whole usage."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
-
-
-def build_parser() -> argparse.ArgumentParser:
-    parser = _Parser(PROGRAM, description=DESCRIPTION)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, summary in COMMANDS.items():
-        module = importlib.import_module(f"fisheye_ep_calib.commands.{name.replace('-', '_')}")
-        command = commands.add_parser(
-            name,
-            help=summary,
-            description=getattr(module, "DESCRIPTION", summary),
-            epilog=getattr(module, "EPILOG", None),
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        module.add_arguments(command)
-        command.set_defaults(run=module.run)
-    return parser
+_INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code: 0 done, 1 could not, 2 wrong usage or input, 130 Ctrl-C."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a terminal that knows no θ, a file name that is no text
-    logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: what was found is kept
     try:
-        parsed = build_parser().parse_args(arguments)
+        parser = _parser()
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="backslashreplace")  # a terminal that knows no θ, a file name that is no text
+        parsed = parser.parse_args(arguments)
         return parsed.run(parsed)
     except CalibrationError as error:
         return _fail(str(error), error.exit_code)
     except KeyboardInterrupt:
-        return _fail("interrupted", 130)
+        return _fail("interrupted", _INTERRUPTED)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -81,6 +42,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"{error.filename or ''}: {error.strerror or error}".lstrip(": "), 1)
     except MemoryError:
         return _fail("out of memory", 1)
+
+
+def _parser() -> argparse.ArgumentParser:
+    """The command line's, with every import that it takes; and signals as the commands want them."""
+    in_charge = threading.current_thread() is threading.main_thread()
+    if in_charge:
+        signal.signal(signal.SIGTERM, _end_at_once)
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, _end_at_once)
+    try:
+        import logging
+
+        from fisheye_ep_calib.commands.parser import build_parser
+
+        logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
+        return build_parser(PROGRAM)
+    finally:
+        if in_charge:
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: what was found is kept
+            if signal.getsignal(signal.SIGINT) is _end_at_once:
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _end_at_once(_signal, _frame) -> None:
+    """While modules are imported: they would swallow an exception, or make another one of it."""
+    os.write(2, f"{PROGRAM}: error: interrupted\n".encode())
+    os._exit(_INTERRUPTED)
 
 
 def _fail(message: str, code: int) -> int:

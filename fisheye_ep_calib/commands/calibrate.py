@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -14,7 +13,7 @@ from fisheye_ep_calib.calibration import CalibrationResult, Observations, Option
 from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM, base_structure
 from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.collector import Guide
-from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing
+from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing, refuse_unwritable
 from fisheye_ep_calib.commands.resuming import add_resume_argument, log_of
 from fisheye_ep_calib.commands.sources import CameraSource, add_source_arguments, camera_sources
 from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
@@ -22,7 +21,7 @@ from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
-from fisheye_ep_calib.storage.results_folder import nearest_folder, results_folder
+from fisheye_ep_calib.storage.results_folder import results_folder
 
 DESCRIPTION = (
     "Calibrate one or several cameras and write a camera file for each, CALIBRATION/NAME.yaml, and what was seen,\n"
@@ -195,22 +194,13 @@ def _calibrate(camera: CameraSource, look_again, arguments: argparse.Namespace):
 def _free_folder(given: Path | None) -> Path:
     """The folder given, or the first of calibration, calibration_2, … that is not there yet."""
     if given is not None:
-        return _usable_folder(given)
+        refuse_unwritable("--output", given)
+        return given
     number, folder = 1, Path(DEFAULT_OUTPUT)
     while folder.exists():
         number += 1
         folder = Path(f"{DEFAULT_OUTPUT}_{number}")
     return folder
-
-
-def _usable_folder(given: Path) -> Path:
-    """The folder given, where results can be written in it or in the nearest folder above it."""
-    there = nearest_folder(given)
-    if not there.is_dir():
-        raise InputError(f"--output {given}: {there} is not a folder")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"--output {given}: no permission to write in {there}")
-    return given
 
 
 def _refuse_taken(output: Path, names: list[str], arguments: argparse.Namespace) -> None:

@@ -29,10 +29,10 @@ DESCRIPTION = """\
 Calibrate many devices of one kind, each from its own recording, with one target.
 
 DIR_OR_LIST is a folder with a sub-folder, bag or observation file for each device, or a text file with a path a line
-(relative to that file; # begins a comment). Each device is calibrated as 'calibrate' does it, in a process of its own,
-and gets the folder OUTPUT/DEVICE with the same files; what 'calibrate' says is in OUTPUT/logs/DEVICE.txt. Devices that
-are finished are skipped, so that the same command goes on after an interruption, and takes new devices only. One that
-fails does not stop the others: its reason is in the table.
+(relative to that file; # at a line's start or after a space begins a comment). Each device is calibrated as 'calibrate'
+does it, in a process of its own, and gets the folder OUTPUT/DEVICE with the same files; what 'calibrate' says is in
+OUTPUT/logs/DEVICE.txt. Devices that are finished are skipped, so that the same command goes on after an interruption,
+and takes new devices only. One that fails does not stop the others: its reason is in the table.
 
 OUTPUT/fleet.csv, also printed, has a row a camera: fx, fy, cx, cy, skew, k1..k4, r and E at 30, 60 and 80 degrees, each
 with its standard deviation, RMS, views and so on. A camera is called odd where it differs from the same camera of the

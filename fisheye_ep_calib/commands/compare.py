@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fisheye_ep_calib.calibration.camera_difference import ALIGNMENTS, CameraDifference, camera_difference
-from fisheye_ep_calib.commands.reporting import refuse_existing
+from fisheye_ep_calib.commands.reporting import refuse_unusable_report
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.report.comparison import (
     DistanceSummary,
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     if any(not distance > 0 for distance in arguments.distance):
         raise InputError("--distance takes positive lengths in metres, or inf")
-    refuse_existing([arguments.report], arguments.overwrite)
+    refuse_unusable_report(arguments)
     files = read_camera_file(arguments.first), read_camera_file(arguments.second)
     known = tuple(file.covariance if file.covariance.any() else None for file in files)
     distances = sorted(dict.fromkeys(arguments.distance))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,7 @@ from fisheye_ep_calib.collection import DetectionRun
 from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.commands.resuming import add_resume_argument, log_of, refuse_interrupted
-from fisheye_ep_calib.commands.sources import Looking, add_source_arguments, from_run, looking, safe_name
+from fisheye_ep_calib.commands.sources import Looking, add_source_arguments, from_run, image_stem, looking
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.observation_file import save_observations
@@ -43,29 +44,40 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("detect needs images; an observation file holds what was found already")
     output, log = arguments.output, log_of(arguments.output, arguments.resume)
     with looking(arguments, log) as place:
-        refuse_existing([output / f"{name}.npz" for name in place.topics], arguments.overwrite)
+        refuse_existing(_results(output, list(place.topics), arguments.overlay), arguments.overwrite)
         runs = place.collector.collect(tuple(place.topics.values()), place.choice)
         refuse_interrupted(runs)
         with results_folder(output) as folder:
-            lines = [_write(place, name, runs[topic], arguments, folder) for name, topic in place.topics.items()]
-    for line in filter(None, lines):
-        print(line)
-    return 0 if any(lines) else 1
+            ended = {name: _write(place, name, runs[topic], arguments, folder) for name, topic in place.topics.items()}
+    failures = [end for end in ended.values() if isinstance(end, CalibrationError)]
+    if len(ended) == len(failures) == 1:
+        raise failures[0]
+    for name, end in ended.items():
+        if isinstance(end, CalibrationError):
+            print(f"{name}: error: {end}", file=sys.stderr)
+        else:
+            print(end)
+    return max((error.exit_code for error in failures), default=0)
 
 
-def _write(place: Looking, name: str, run: DetectionRun, arguments: argparse.Namespace, folder: Path) -> str:
-    """One camera's results; returns what to say of them, nothing where the target was not found."""
+def _results(output: Path, names: Sequence[str], overlay: bool) -> list[Path]:
+    overlays = [output / f"{name}_overlay" for name in names] if overlay else []
+    return [*(output / f"{name}.npz" for name in names), *overlays]
+
+
+def _write(
+    place: Looking, name: str, run: DetectionRun, arguments: argparse.Namespace, folder: Path
+) -> str | CalibrationError:
+    """One camera's results; returns what to say of them, or why there are no observations."""
     camera = from_run(name, run, place.target, ", ".join(map(str, arguments.source)))
     for view, reason in camera.unused_views.items():
         print(f"{name}: {view}: {reason}")
     if arguments.overlay:
         _write_overlays(place, name, run.frames, folder / f"{name}_overlay")
-    try:
-        save_observations(folder / f"{name}.npz", camera.observations)
-    except CalibrationError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return ""
-    points, views = len(camera.observations.pixels), len(run.views)
+    if isinstance(camera.found, CalibrationError):
+        return camera.found
+    save_observations(folder / f"{name}.npz", camera.found)
+    points, views = len(camera.found.pixels), len(run.views)
     return f"{name}: {points} points in {views} views: {arguments.output / f'{name}.npz'}"
 
 
@@ -77,7 +89,7 @@ def _write_overlays(place: Looking, name: str, frames, folder: Path) -> None:
         image = place.recording.frame(frame.topic, frame.index).image()
         picture = overlay(image, frame.detection, frame.reason)
         _, content = cv2.imencode(".png", picture)
-        atomic_write(folder / f"{frame.index:06d}_{safe_name(Path(frame.name).stem)}.png", content.tobytes())
+        atomic_write(folder / f"{frame.index:06d}_{image_stem(frame.name)}.png", content.tobytes())
 
 
 def overlay(image: np.ndarray, detection: Detection, reason: str) -> np.ndarray:

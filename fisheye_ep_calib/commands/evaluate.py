@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fisheye_ep_calib.calibration.calibrate import DISC_CENTERS
 from fisheye_ep_calib.calibration.evaluation import Evaluation, evaluate_camera
-from fisheye_ep_calib.commands.reporting import refuse_existing, write_evaluation_report
+from fisheye_ep_calib.commands.reporting import refuse_unusable_report, write_evaluation_report
 from fisheye_ep_calib.commands.sources import add_source_arguments, camera_sources
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.camera_file import read_camera_file
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    refuse_existing([arguments.report], arguments.overwrite)
+    refuse_unusable_report(arguments)
     file = read_camera_file(arguments.camera)
     with camera_sources(arguments, before_looking=_refuse_several) as (cameras, _):
         observations = cameras[0].observations

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fisheye_ep_calib.commands.sources import safe_name
+from fisheye_ep_calib.commands.sources import numbered_alike, safe_name
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.sources.image_files import is_image_file, natural_order
 
@@ -34,6 +36,7 @@ def find_devices(place: Path, output: Path) -> list[Device]:
             raise InputError(f"{place} holds no device: no sub-folder, bag or observation file (.npz)")
     else:
         paths = _listed(place)
+    _refuse_listed_twice(paths)
     names = _names(paths)
     for name in names:
         if name in OWN_NAMES:
@@ -51,7 +54,7 @@ def _entries(folder: Path) -> list[Path]:
 
 
 def _listed(path: Path) -> list[Path]:
-    """A path a line, relative to the list's folder; empty lines and those that begin with # are passed over."""
+    """A path a line, relative to the list's folder; a # at a line's start or after a space begins a comment."""
     try:
         if path.stat().st_size > MAX_LIST_BYTES:
             raise InputError(f"{path} is too long for a list of paths")
@@ -60,7 +63,8 @@ def _listed(path: Path) -> list[Path]:
         raise InputError(f"{path} is no text; give a folder of devices, or a text file with a path a line") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
-    paths = [path.parent / line.strip() for line in lines if line.strip() and not line.strip().startswith("#")]
+    listed = [re.sub(r"(^|\s)#.*", "", line).strip() for line in lines]
+    paths = [path.parent / one for one in listed if one]
     if not paths:
         raise InputError(f"{path} lists no device; write a path a line")
     return paths
@@ -75,19 +79,25 @@ def _sources(path: Path) -> list[Path]:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Each path's last part, and as many before it as tell it from the others."""
+    """Each path's last part, and as many before it as tell it from the others; a number where none does."""
     parts = [[*path.absolute().parts[1:-1], path.name if path.is_dir() else _stem(path)] for path in paths]
     depth = [1] * len(parts)
     while True:
         names = [safe_name("_".join(part[-count:])) for part, count in zip(parts, depth, strict=True)]
-        taken = Counter(name.lower() for name in names)
-        alike = [number for number, name in enumerate(names) if taken[name.lower()] > 1]
+        taken = Counter(name.casefold() for name in names)
+        alike = [number for number, name in enumerate(names) if taken[name.casefold()] > 1]
         if not alike:
             return names
         if any(depth[number] >= len(parts[number]) for number in alike):
-            raise InputError(f"{paths[alike[0]]} is listed twice, or too like another path to name their results")
+            return numbered_alike(safe_name(parts[n][-1]) if n in alike else name for n, name in enumerate(names))
         for number in alike:
             depth[number] += 1
+
+
+def _refuse_listed_twice(paths: Sequence[Path]) -> None:
+    for path, times in Counter(map(os.path.abspath, paths)).items():
+        if times > 1:
+            raise InputError(f"{path} is listed twice; take out one of the lines")
 
 
 def _stem(path: Path) -> str:

@@ -63,7 +63,7 @@ def run_jobs(jobs: Sequence[DeviceJob], at_once: int, ended: Callable[[DeviceJob
         for one in running:
             one.process.join(LAST_WORDS_SECONDS)
             one.process.kill()
-            ended(one.job, _end_of(one))
+            ended(one.job, _end_of(one, interrupted=True))
         return True
     return False
 
@@ -78,12 +78,16 @@ def _start(job: DeviceJob) -> _Running:
     return _Running(job, process, receiver, time.monotonic())
 
 
-def _end_of(one: _Running) -> Ended:
+def _end_of(one: _Running, interrupted: bool = False) -> Ended:
     one.process.join()
     try:
         code, reason = one.connection.recv()
     except EOFError:  # it could not even say so
-        code, reason = 1, f"its process ended with code {one.process.exitcode}; see {one.job.log}"
+        code, reason = 1, f"its process ended with code {one.process.exitcode}"
+        if interrupted:
+            code, reason = 130, "interrupted"
+        elif one.job.log.exists():
+            reason += f"; see {one.job.log}"
     one.connection.close()
     return Ended(code, reason, time.monotonic() - one.began)
 

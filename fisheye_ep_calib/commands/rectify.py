@@ -14,7 +14,7 @@ import yaml
 
 from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.commands.reporting import refuse_existing
-from fisheye_ep_calib.commands.sources import safe_name
+from fisheye_ep_calib.commands.sources import image_stem, numbered_alike
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.rectification import (
     INTERPOLATIONS,
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
         for problem in recording.problems:
             print(f"warning: {problem}", file=sys.stderr)
         frames = _frames(recording, arguments)
-        names = _names(frames)
+        names = [f"{name}.png" for name in numbered_alike(image_stem(frame.name) for frame in frames)]
         refuse_existing([arguments.output / name for name in (*names, CAMERA_INFO)], arguments.overwrite)
         with results_folder(arguments.output) as folder:
             written = _rectify(frames, [folder / name for name in names], rectifier, arguments)
@@ -117,21 +117,6 @@ def run(arguments: argparse.Namespace) -> int:
 def _frames(recording: Recording, arguments: argparse.Namespace) -> list[Frame]:
     (topic,) = choose_topics(recording, (arguments.topic,) if arguments.topic else ())
     return [recording.frame(topic, index) for index in range(0, recording.count(topic), arguments.every)]
-
-
-def _names(frames: Sequence[Frame]) -> list[str]:
-    """A file name for each frame, called as it is; where two are called the same, the later ones are numbered."""
-    names, taken = [], set()
-    for frame in frames:
-        name = frame.name if re.fullmatch(r"\d+\.\d+", frame.name) else Path(frame.name).stem
-        stem = name = safe_name(name)
-        number = 1
-        while name.lower() in taken:
-            number += 1
-            name = f"{stem}_{number}"
-        taken.add(name.lower())
-        names.append(f"{name}.png")
-    return names
 
 
 def _rectify(frames: Sequence[Frame], paths: Sequence[Path], rectifier: Rectifier, arguments) -> int:

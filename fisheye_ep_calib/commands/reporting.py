@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from fisheye_ep_calib.report.data import CameraReport
 from fisheye_ep_calib.report.pictures import BUDGET
 from fisheye_ep_calib.report.record import now, per_view, versions, write_record
 from fisheye_ep_calib.storage.camera_file import CameraFile
+from fisheye_ep_calib.storage.results_folder import nearest_folder
 
 PAGE, RECORD = "report.html", "calibration.json"
 
@@ -25,6 +27,26 @@ def refuse_existing(paths: Sequence[Path | None], overwrite: bool) -> None:
     for path in paths:
         if path is not None and path.exists() and not overwrite:
             raise InputError(f"{path} is there already; give another place, or --overwrite")
+
+
+def refuse_unwritable(option: str, folder: Path) -> None:
+    """Raises InputError where nothing can be written to the folder, or to the nearest above it that is there."""
+    there = nearest_folder(folder)
+    if not there.is_dir():
+        raise InputError(f"{option} {folder}: {there} is not a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{option} {folder}: no permission to write in {there}")
+
+
+def refuse_unusable_report(arguments: argparse.Namespace) -> None:
+    """Raises InputError where the page of ``--report`` could not be written, or would replace another."""
+    report = arguments.report
+    if report is None:
+        return
+    refuse_existing([report], arguments.overwrite)
+    if report.is_dir():
+        raise InputError(f"--report {report} is a folder; give a file in it")
+    refuse_unwritable("--report", report.parent)
 
 
 class CalibrationReports:

@@ -61,4 +61,5 @@ def _kept(collector: Collector) -> str:
     if log.images == 0:
         collector.forget()
         return ""
-    return f"; what {log.images} images showed is kept in {log.path}: --resume goes on from there"
+    images = "1 image" if log.images == 1 else f"{log.images} images"
+    return f"; what {images} showed is kept in {log.path}: --resume goes on from there"

@@ -6,7 +6,8 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,7 +23,8 @@ from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.recording import Recording, choose_topics, open_recording
 from fisheye_ep_calib.target import Target, load_target
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_NAME = re.compile(r"[^\W_][\w.-]*")
+_LONGEST = 200  # bytes: file systems take 255, and endings are to come
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,10 @@ def add_looking_arguments(parser: argparse.ArgumentParser) -> None:
         help="image topic of camera NAME; repeat for several cameras",
     )
     looking = parser.add_argument_group("which images to look at")
-    looking.add_argument("--max-views", type=int, default=150, metavar="N", help="at most N a camera (default: 150)")
-    looking.add_argument("--every", type=int, metavar="N", help="every N-th image, whatever it shows")
-    looking.add_argument("--all", action="store_true", help="every image")
+    which = looking.add_mutually_exclusive_group()
+    which.add_argument("--max-views", type=int, default=150, metavar="N", help="at most N a camera (default: 150)")
+    which.add_argument("--every", type=int, metavar="N", help="every N-th image, whatever it shows")
+    which.add_argument("--all", action="store_true", help="every image")
     looking.add_argument("--strict", action="store_true", help="refuse damaged recordings and images")
     looking.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     looking.add_argument(
@@ -160,6 +163,8 @@ def camera_sources(
             for name, topic in place.topics.items()
         ]
         cameras = [replace(one, seconds={**one.seconds, "read": one.seconds["read"] + place.opened}) for one in cameras]
+        if all(isinstance(one.found, InputError) for one in cameras):
+            place.collector.forget()  # the images themselves are at fault: to look at more of them is no help
 
         def look_again(guides):
             refined = place.collector.refine(guides)
@@ -248,5 +253,25 @@ def camera_name(topic: str) -> str:
 
 
 def safe_name(text: str) -> str:
-    """A name that is safe as a file's."""
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("._-") or "camera"
+    """A name that is safe as a file's: letters and digits of any script, _ . and -; at most 200 bytes in UTF-8."""
+    name = re.sub(r"[^\w.-]+", "_", unicodedata.normalize("NFC", text)).strip("._-")
+    return name.encode()[:_LONGEST].decode(errors="ignore") or "camera"
+
+
+def image_stem(name: str) -> str:
+    """An image's name, safe as a file's: without what tells its format, with the whole of a time 12.000000001."""
+    return safe_name(name if re.fullmatch(r"\d+\.\d+", name) else Path(name).stem)
+
+
+def numbered_alike(names: Iterable[str]) -> list[str]:
+    """The names, the later ones of those that differ in nothing but case numbered: a, A_2."""
+    result: list[str] = []
+    taken: set[str] = set()
+    for stem in names:
+        name, number = stem, 1
+        while name.casefold() in taken:
+            number += 1
+            name = f"{stem}_{number}"
+        taken.add(name.casefold())
+        result.append(name)
+    return result

@@ -73,14 +73,16 @@ class Residuals:
 
 @dataclass(frozen=True)
 class Coverage:
-    """counts, reachable (rings, sectors): sightings, and whether the image shows that direction.
+    """counts (rings, sectors): sightings. missing, bool: the image shows the cell and it holds none.
 
-    Sector k spans 360°/sectors around azimuth k · 360°/sectors; ring k from k · ring_degrees on.
+    Cells of missing are the diagnosis's, larger than those of counts. Sector k spans 360°/sectors around azimuth
+    k · 360°/sectors; ring k begins at k · ring_degrees, or missing_ring_degrees.
     """
 
     counts: np.ndarray
-    reachable: np.ndarray
     ring_degrees: float
+    missing: np.ndarray
+    missing_ring_degrees: float
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.calibration import Observations, diagnosis
 from fisheye_ep_calib.calibration.coverage import azimuth_and_distance, coverage, reachable
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.report.data import Coverage, Rejected, Residuals, View
@@ -58,6 +58,9 @@ def views_of(names: list[str], residuals: Residuals, rejected: tuple[Rejected, .
 
 
 def coverage_of(residuals: Residuals, camera: FisheyeCamera) -> Coverage:
-    """Counts by ring and sector up to the largest angle seen."""
-    counts = coverage(residuals.theta, residuals.azimuth, RING_DEGREES, SECTORS)
-    return Coverage(counts, reachable(camera, len(counts), RING_DEGREES, SECTORS) | (counts > 0), RING_DEGREES)
+    """Counts by ring and sector up to the largest angle seen, and what is missing by the diagnosis's measure."""
+    theta, azimuth = residuals.theta, residuals.azimuth
+    counts = coverage(theta, azimuth, RING_DEGREES, SECTORS)
+    coarse = coverage(theta, azimuth, diagnosis.RING_DEGREES, diagnosis.SECTORS)
+    shown = reachable(camera, len(coarse), diagnosis.RING_DEGREES, diagnosis.SECTORS)
+    return Coverage(counts, RING_DEGREES, shown & (coarse == 0), diagnosis.RING_DEGREES)

@@ -103,11 +103,13 @@ def _residual_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
 
 
 def _coverage_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
-    missing = int((camera.coverage.reachable & (camera.coverage.counts == 0)).sum())
-    cell = f"{camera.coverage.ring_degrees:g}° × {360 / camera.coverage.counts.shape[1]:g}°"
-    gaps = "No cell is empty."
+    coverage = camera.coverage
+    missing = int(coverage.missing.sum())
+    cell = f"{coverage.missing_ring_degrees:g}° × {360 / coverage.missing.shape[1]:g}°"
+    gaps = f"Every cell of {cell} that the image shows is covered."
     if missing:
-        gaps = f"Red: {missing} cells of {cell} that the image shows and no view filled."
+        cells = "1 cell" if missing == 1 else f"{missing} cells"
+        gaps = f"Red: {cells} of {cell} that the image shows and no view filled."
     return (
         Panel(
             f"{prefix}-coverage",

@@ -1,6 +1,6 @@
 """calibration.json: what ``calibrate --json`` prints, with inputs, versions and every view's residuals.
 
-``docs/calibration_json.md`` documents the schema.
+``docs/calibration_json.md`` documents the schema, ``docs/calibration.schema.json`` lets programs check it.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import itertools
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ def results_folder(output: Path) -> Iterator[Path]:
     """
     staging, joins = beside(output, f"{os.getpid()}.unfinished"), output.exists()
     try:
+        _remove_abandoned(staging)
         staging.mkdir()
         yield staging
         _publish(staging, output, joins)
@@ -44,6 +46,30 @@ def beside(output: Path, ending: str) -> Path:
     there = nearest_folder(output)
     steps = output.absolute().parts[len(there.absolute().parts) :]
     return there / ".".join(["", *steps, ending])
+
+
+def _remove_abandoned(staging: Path) -> None:
+    """What processes that were killed have left of folders for the same results."""
+    head = staging.name.removesuffix(f"{os.getpid()}.unfinished")
+    for path in staging.parent.iterdir():
+        found = re.fullmatch(re.escape(head) + r"(\d{1,9})\.unfinished", path.name, re.ASCII)
+        if found and path.is_dir() and not path.is_symlink() and not _other_process_lives(int(found[1])):
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _other_process_lives(number: int) -> bool:
+    """Whether a process other than this one has the number; where that cannot be told, it is taken to live."""
+    if number == os.getpid():
+        return False
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def _publish(staging: Path, output: Path, joins: bool) -> None:

@@ -59,6 +59,47 @@ def test_detect_where_nothing_is_found(command, folder) -> None:
     assert not (folder / "found" / "images.npz").exists()
 
 
+def test_detect_ends_as_calibrate_does_where_there_are_no_observations(command, folder) -> None:
+    words = ("images", "--target", "discs.yaml", "--workers", 1, "--output", "found")
+    cv2.imwrite(str(folder / "images" / "small.png"), np.zeros((480, 640), np.uint8))
+    for told in ("differ in size", "none of 1 images can be read"):
+        for name in ("detect", "calibrate"):
+            ended = command(name, *words)
+            assert ended.code == 2 and told in ended.err.splitlines()[-1], ended.err
+            assert "--resume" not in ended.err and not list(folder.glob(".*"))  # which would end in the same way
+        for path in folder.glob("images/[!d]*.png"):
+            path.unlink()
+
+
+def test_detect_writes_the_cameras_that_saw_the_target_and_fails_for_the_others(command, tmp_path) -> None:
+    camera, target = paper_camera(), paper_target()
+    for name in ("seen", "blind"):
+        (tmp_path / "rig" / name).mkdir(parents=True)
+    picture = render(camera, target, look_pose(target, 0.9, 0.4, 0.12, tilt=0.4), Imaging(blur=0.8, noise=2))
+    cv2.imwrite(str(tmp_path / "rig" / "seen" / "1.png"), picture)
+    cv2.imwrite(str(tmp_path / "rig" / "blind" / "1.png"), np.full_like(picture, 100))
+    (tmp_path / "discs.yaml").write_text(DISCS)
+    words = ("--topic", "seen", "--topic", "blind", "--target", "discs.yaml", "--workers", 1)
+    ended = command("detect", "rig", *words, "--output", "found")
+    assert ended.code == 1 and "blind: error: " in ended.err, ended.err
+    assert [path.name for path in (tmp_path / "found").iterdir()] == ["seen.npz"]
+
+
+def test_detect_replaces_no_overlay_silently(command, folder) -> None:
+    overlay = folder / "found" / "images_overlay"
+    overlay.mkdir(parents=True)
+    words = ("detect", "images", "--target", "discs.yaml", "--output", "found", "--overlay", "--workers", 1)
+    command(*words).refused(2, "images_overlay is there already", "--overwrite")
+    assert command(*words, "--overwrite").code == 0 and list(overlay.iterdir())
+
+
+def test_overlays_are_called_as_images_of_a_bag_by_the_whole_of_their_time(command, recording, tmp_path) -> None:
+    words = ("--topic", "/left/image_raw", "--target", recording / "board.yaml", "--workers", 1, "--overlay")
+    assert command("detect", recording / "rig.mcap", *words, "--output", "found").code == 0
+    names = sorted(path.stem for path in (tmp_path / "found" / "left_overlay").iterdir())
+    assert names[:2] == ["000000_1000000000.000000000", "000001_1000000000.500000000"]
+
+
 def test_detect_refuses_points(command, observation_file, folder) -> None:
     command("detect", observation_file, "--target", "discs.yaml", "--output", "found").refused(2, "needs images")
 

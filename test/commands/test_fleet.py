@@ -19,6 +19,7 @@ import pytest
 from known_scenes import CAMERA, seen_board
 
 import fisheye_ep_calib
+from fisheye_ep_calib.commands import fleet_jobs
 from fisheye_ep_calib.commands.fleet_devices import find_devices
 from fisheye_ep_calib.commands.fleet_table import FEWEST, mark_odd, robust_z, threshold
 from fisheye_ep_calib.errors import InputError
@@ -121,6 +122,14 @@ def test_ctrl_c_ends_all_devices_and_the_same_command_goes_on(fleet, tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_a_device_that_is_interrupted_as_it_starts_is_called_so(command, fleet, tmp_path, monkeypatch):
+    monkeypatch.setattr(fleet_jobs, "wait", lambda handles: os.kill(os.getpid(), signal.SIGINT))
+    ended = command("calibrate-fleet", fleet, "--output", "out", *OPTIONS)
+    assert ended.code == 130 and "unit0: failed: interrupted (" in ended.err, ended.err
+    assert table(tmp_path / "out")["unit0"]["reason"] == "interrupted"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
 def test_a_device_whose_process_is_killed_costs_no_other(command, fleet, tmp_path):
     def kill_first():
         while not (children := multiprocessing.active_children()):
@@ -134,7 +143,9 @@ def test_a_device_whose_process_is_killed_costs_no_other(command, fleet, tmp_pat
     killer.join()
     rows = table(tmp_path / "out")
     assert ended.code == 1 and rows["unit1"]["status"] == "done"
-    assert "its process ended with code -9; see out/logs/unit0.txt" in rows["unit0"]["reason"]
+    reason = rows["unit0"]["reason"]
+    assert "its process ended with code -9" in reason
+    assert ("see out/logs/unit0.txt" in reason) == (tmp_path / "out" / "logs" / "unit0.txt").exists()
 
 
 def test_what_is_no_fleet_is_refused_in_one_line(command, fleet, recording, tmp_path):
@@ -172,6 +183,19 @@ def test_devices_are_named_by_as_much_of_the_path_as_tells_them_apart(tmp_path):
     (tmp_path / "list").write_text("a/rec.mcap\na/rec.mcap\n")
     with pytest.raises(InputError, match="listed twice"):
         find_devices(tmp_path / "list", tmp_path / "out")
+
+
+def test_devices_have_names_of_any_script_and_are_numbered_where_they_are_alike(tmp_path):
+    for name in ("前", "後", "a b", "a+b", "A-b"):
+        (tmp_path / f"{name}.mcap").touch()
+    names = [device.name for device in find_devices(tmp_path, tmp_path / "out")]
+    assert sorted(names) == ["A-b", "a_b", "a_b_2", "前", "後"]
+
+
+def test_a_comment_may_follow_a_path_in_the_list(tmp_path):
+    (tmp_path / "list").write_text("# fleet\ndev 1.mcap   # monday\n  # none\nunit#2.mcap\n")
+    devices = find_devices(tmp_path / "list", tmp_path / "out")
+    assert [device.sources for device in devices] == [(tmp_path / "dev 1.mcap",), (tmp_path / "unit#2.mcap",)]
 
 
 def test_devices_of_a_kind_are_seldom_called_odd_and_others_always():

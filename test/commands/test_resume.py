@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -111,6 +112,11 @@ def test_an_interruption_before_anything_was_seen_leaves_nothing(command, words,
     looked.stop = 0
     command(*words).refused(130, "interrupted")
     assert not list(tmp_path.iterdir())
+
+
+def test_one_image_is_not_called_images(command, words, looked):
+    looked.stop = 1
+    assert "; what 1 image showed is kept in" in command(*words).err.splitlines()[-1]
 
 
 def test_nothing_to_resume_is_said(command, words, looked, tmp_path):
@@ -222,6 +228,22 @@ def test_a_termination_ends_like_an_interruption():
     _, said = process.communicate(timeout=20)
     assert process.returncode == 130
     assert "interrupted" in said and "Traceback" not in said
+
+
+@pytest.mark.parametrize("module", ["fisheye_ep_calib.commands.parser", "numpy", "scipy", "cv2"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_while_modules_are_imported_is_one_line(module, number):
+    program = (
+        "import os, sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(name, path, target=None):\n"
+        f"        if name == {module!r}: os.kill(os.getpid(), {int(number)})\n"
+        "sys.meta_path.insert(0, Interrupting)\n"
+        "from fisheye_ep_calib.cli import main\n"
+        "sys.exit(main(['show', 'any.yaml']))"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (ended.returncode, ended.stderr) == (130, "fisheye_ep_calib: error: interrupted\n")
 
 
 def test_part_of_an_observation_file_does_not_replace_it(command, observation_file, tmp_path):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fisheye_ep_calib.cli import COMMANDS
+from fisheye_ep_calib.commands.parser import COMMANDS
 
 README = Path(__file__).resolve().parents[2] / "README.md"
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.metadata
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 from catkin_pkg.package import parse_package
@@ -45,3 +47,19 @@ def test_core_installs_without_ros() -> None:
 def test_every_folder_of_modules_is_a_package() -> None:
     folders = {module.parent for module in (REPOSITORY / "fisheye_ep_calib").rglob("*.py")}
     assert [str(folder) for folder in folders if not (folder / "__init__.py").is_file()] == []
+
+
+def test_the_package_gives_its_names_and_rooms_when_they_are_asked_for() -> None:
+    program = (
+        "import sys, fisheye_ep_calib\n"
+        "assert 'numpy' not in sys.modules\n"
+        "assert {*fisheye_ep_calib.__all__} <= {*dir(fisheye_ep_calib)}\n"
+        "from fisheye_ep_calib import *\n"
+        "assert fisheye_ep_calib.calibrate is calibrate and callable(calibrate)\n"
+        "assert fisheye_ep_calib.storage.camera_file.load_camera is load_camera\n"
+        "assert fisheye_ep_calib.camera.FisheyeCamera is FisheyeCamera\n"
+        "assert fisheye_ep_calib.calibration.Observations is Observations\n"
+        "assert issubclass(InputError, CalibrationError) and not hasattr(fisheye_ep_calib, 'nothing')\n"
+        "from fisheye_ep_calib import simulation\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)

@@ -92,15 +92,6 @@ def test_damaged_images_are_told_and_passed_over(camera_file, folder, tmp_path, 
     assert "none of 2 images could be rectified" in capsys.readouterr().err
 
 
-def test_names_that_collide_or_leave_the_folder(camera_file, image, tmp_path) -> None:
-    from types import SimpleNamespace
-
-    from fisheye_ep_calib.commands.rectify import _names
-
-    frames = [SimpleNamespace(name=name) for name in ("a.png", "a.jpg", "A.bmp", "../../x.png", "...", "12.000000034")]
-    assert _names(frames) == ["a.png", "a_2.png", "A_3.png", "x.png", "camera.png", "12.000000034.png"]
-
-
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+
 import pytest
 from headless_browser import HeadlessBrowser, chromium
 
@@ -85,3 +88,17 @@ def test_dark_and_light_and_paper(browser, page, tmp_path):
     assert browser.evaluate("document.documentElement.scrollWidth") <= 720
     browser.pdf(tmp_path / "report.pdf")
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_no_heading_stands_alone_at_the_foot_of_a_page(browser, page, tmp_path):
+    tool = shutil.which("pdftotext")
+    if tool is None:
+        pytest.skip("pdftotext, of poppler-utils, is not here")
+    for pushed in range(0, 1100, 120):  # px, further than a page is high
+        browser.open(page, 720, 1000, media="print")
+        spacer = f"<div style='height: {pushed}px'></div>"
+        browser.evaluate(f"document.getElementById('camera-1-views').insertAdjacentHTML('beforebegin', \"{spacer}\")")
+        browser.pdf(tmp_path / "report.pdf")
+        text = subprocess.run([tool, tmp_path / "report.pdf", "-"], capture_output=True, text=True, check=True).stdout
+        sheet = next(sheet for sheet in text.split("\f") if "Views, the worst first" in sheet)
+        assert "px RMS" in sheet.split("Views, the worst first")[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -86,6 +87,20 @@ def test_evaluation_reports(folder, capsys):
     assert f"{measured['rms_px']:.3f} px RMS" in text
     assert "What stands out" in text
     assert main([*command, "--report", str(page)]) == 2
+
+
+@pytest.mark.parametrize(
+    ("report", "told"),
+    [("front.npz/page.html", "is not a folder"), ("out", "--overwrite"), ("locked/page.html", "no permission")],
+)
+def test_a_page_that_cannot_be_written_is_refused_before_anything_is_read(folder, capsys, monkeypatch, report, told):
+    (folder / "locked").mkdir(exist_ok=True)
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "locked")
+    for words in (["evaluate", "none.yaml", "none.npz"], ["compare", "none.yaml", "none.yaml"]):
+        assert main([*words, "--report", str(folder / report)]) == 2
+        assert told in capsys.readouterr().err
+        assert main([*words, "--report", str(folder / "out"), "--overwrite"]) == 2
+        assert "is a folder; give a file in it" in capsys.readouterr().err
 
 
 def test_evaluation_of_a_wrong_camera_is_told(folder):

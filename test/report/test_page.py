@@ -88,6 +88,16 @@ def test_every_figure_is_there(page):
         assert wanted in said
 
 
+def test_figure_and_finding_say_the_same_of_the_coverage(report, result):
+    missing, diagnosis = report.coverage.missing, result.diagnosis
+    np.testing.assert_array_equal(missing, diagnosis.reachable & (diagnosis.counts == 0))
+    for gaps, told in ((missing, f"Red: {missing.sum()} cell"), (missing & False, "Every cell of 15° × 45°")):
+        page = report_html([replace(report, coverage=replace(report.coverage, missing=gaps))])
+        assert (told in page) == (told[0] == "E" or bool(missing.any()))
+    covered = [one.sentence for one in report.findings if "every part of the field" in one.sentence]
+    assert bool(covered) != bool(missing.any())
+
+
 def test_unreadable_picture_leaves_the_view_in_the_table(report):
     assert [view.picture is None for view in report.views].count(True) == 1
 

@@ -2,6 +2,8 @@
 
 import os
 import stat
+import subprocess
+import sys
 
 import pytest
 
@@ -60,6 +62,26 @@ def test_a_folder_that_another_program_makes_meanwhile_is_left_alone(tmp_path):
             (tmp_path / "out" / "front.yaml").write_text("theirs")
     assert (tmp_path / "out" / "front.yaml").read_text() == "theirs"
     assert (tmp_path / "out_2" / "front.yaml").read_text() == "mine"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="asks for processes")
+@pytest.mark.parametrize("there", [False, True])
+def test_what_killed_processes_left_of_the_folder_is_removed(tmp_path, there):
+    output = tmp_path / "out"
+    place, head = (output, ".") if there else (tmp_path, ".out.")
+    place.mkdir(exist_ok=True)
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    gone, kept = [f"{head}{dead.pid}", f"{head}{os.getpid()}"], [f"{head}{os.getppid()}", f".a.{dead.pid}", f"{head}x"]
+    for name in gone + kept:
+        (place / f"{name}.unfinished").mkdir()
+        (place / f"{name}.unfinished" / "front.yaml").touch()
+    (place / f"{head}{dead.pid}0.unfinished").touch()  # no folder
+    with results_folder(output) as folder:
+        (folder / "rear.yaml").touch()
+    left = {path.name for path in place.iterdir() if path.name.startswith(".")}
+    assert left == {f"{name}.unfinished" for name in [*kept, f"{head}{dead.pid}0"]}
+    assert [path.name for path in output.glob("[!.]*")] == ["rear.yaml"]
 
 
 def test_what_lies_beside_a_folder_needs_no_new_one(tmp_path, monkeypatch):

@@ -12,14 +12,13 @@ from fisheye_ep_calib.report.figures.style import FAINT, MAP, PAPER, SERIES, ima
 
 _BINS = (24, 20)
 _LEVELS = 8
+_ROUND = 15  # parts of a wide cell, whose sides would be straight
 
 
 def coverage_figure(coverage: Coverage, identity: str) -> str:
     """Sightings by θ (outward) and azimuth (as in the image, y down); red cells the image shows and nobody filled."""
-    rings, sectors = coverage.counts.shape
-    half = np.pi / sectors
-    azimuth = np.linspace(-half, 2 * np.pi - half, sectors + 1)
-    radius = coverage.ring_degrees * np.arange(rings + 1)
+    azimuth, radius = _edges(coverage.counts, coverage.ring_degrees)
+    last = radius[-1]
 
     def draw(figure: Figure) -> None:
         axes = figure.add_subplot(projection="polar")
@@ -27,13 +26,15 @@ def coverage_figure(coverage: Coverage, identity: str) -> str:
         axes.grid(False)
         counts = np.ma.masked_equal(coverage.counts, 0)
         mesh = axes.pcolormesh(azimuth, radius, counts, cmap=MAP, norm=_count_norm(counts), rasterized=True)
-        missing = np.ma.masked_equal((coverage.reachable & (coverage.counts == 0)).astype(float), 0)
+        missing = np.ma.masked_equal(np.repeat(coverage.missing.astype(float), _ROUND, axis=1), 0)
         if missing.count():
-            axes.pcolormesh(azimuth, radius, missing, cmap=_one_color(SERIES[4]), vmin=0, vmax=1, rasterized=True)
+            edges = _edges(coverage.missing, coverage.missing_ring_degrees, _ROUND)
+            axes.pcolormesh(*edges, missing, cmap=_one_color(SERIES[4]), vmin=0, vmax=1, rasterized=True)
+            axes.set_rmax(last)
         axes.grid(True, color=FAINT, lw=0.5)
         axes.spines["polar"].set_color(FAINT)
-        step = 30 if rings * coverage.ring_degrees > 45 else 15
-        ticks = np.arange(step, radius[-1] + 1e-9, step)
+        step = 30 if last > 45 else 15
+        ticks = np.arange(step, last + 1e-9, step)
         axes.set_rticks(ticks, [])
         for tick in ticks:
             box = {"boxstyle": "round,pad=0.15", "facecolor": PAPER, "alpha": 0.75, "edgecolor": "none"}
@@ -84,6 +85,13 @@ def uncertainty_figure(found: UncertaintyMap, size: tuple[int, int], identity: s
         image_axes(axes, size)
 
     return svg(draw, identity, (4.6, 0.6 + 3.4 * height / width))
+
+
+def _edges(cells: np.ndarray, ring_degrees: float, parts: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Of cells (rings, sectors): azimuths (parts · sectors + 1,), rad, and radii (rings + 1,), degrees."""
+    rings, sectors = cells.shape
+    half = np.pi / sectors
+    return np.linspace(-half, 2 * np.pi - half, parts * sectors + 1), ring_degrees * np.arange(rings + 1)
 
 
 def _count_norm(counts: np.ma.MaskedArray):
