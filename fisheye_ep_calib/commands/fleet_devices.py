@@ -11,11 +11,11 @@ from pathlib import Path
 
 from fisheye_ep_calib.commands.sources import numbered_alike, safe_name
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.sources.find import bag_suffix
 from fisheye_ep_calib.storage.sources.image_files import is_image_file, natural_order
 
 MAX_LIST_BYTES = 2**24
 OWN_NAMES = ("logs", "fleet.csv")
-BAG_SUFFIXES = (".mcap", ".db3", ".bag", ".zstd")
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def _entries(folder: Path) -> list[Path]:
     except OSError as error:
         raise InputError(f"{folder} cannot be read: {error.strerror or error}") from None
     visible = [path for path in contents if not path.name.startswith(".")]
-    return [path for path in visible if path.is_dir() or path.suffix in (*BAG_SUFFIXES, ".npz")]
+    return [path for path in visible if path.is_dir() or bag_suffix(path) or path.suffix == ".npz"]
 
 
 def _listed(path: Path) -> list[Path]:
@@ -101,4 +101,4 @@ def _refuse_listed_twice(paths: Sequence[Path]) -> None:
 
 
 def _stem(path: Path) -> str:
-    return path.with_suffix("").stem if path.suffix == ".zstd" else path.stem
+    return path.name[: path.name.lower().rindex(bag_suffix(path))] if bag_suffix(path) else path.stem

@@ -7,11 +7,14 @@ import itertools
 import os
 import re
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from fisheye_ep_calib.errors import CalibrationError
+
+_ABANDONED_SECONDS = 3600
 
 
 @contextmanager
@@ -49,18 +52,20 @@ def beside(output: Path, ending: str) -> Path:
 
 
 def _remove_abandoned(staging: Path) -> None:
-    """What processes that were killed have left of folders for the same results."""
+    """What processes that were killed have left of folders for the same results; another machine's may be young."""
     head = staging.name.removesuffix(f"{os.getpid()}.unfinished")
     for path in staging.parent.iterdir():
         found = re.fullmatch(re.escape(head) + r"(\d{1,9})\.unfinished", path.name, re.ASCII)
-        if found and path.is_dir() and not path.is_symlink() and not _other_process_lives(int(found[1])):
+        if not found or not path.is_dir() or path.is_symlink():
+            continue
+        own = int(found[1]) == os.getpid()
+        old = time.time() - path.stat().st_mtime > _ABANDONED_SECONDS
+        if own or (old and not _process_lives(int(found[1]))):
             shutil.rmtree(path, ignore_errors=True)
 
 
-def _other_process_lives(number: int) -> bool:
-    """Whether a process other than this one has the number; where that cannot be told, it is taken to live."""
-    if number == os.getpid():
-        return False
+def _process_lives(number: int) -> bool:
+    """Whether a process of this machine has the number; where that cannot be told, it is taken to live."""
     if os.name != "posix":
         return True
     try:

@@ -73,14 +73,17 @@ def test_what_killed_processes_left_of_the_folder_is_removed(tmp_path, there):
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     gone, kept = [f"{head}{dead.pid}", f"{head}{os.getpid()}"], [f"{head}{os.getppid()}", f".a.{dead.pid}", f"{head}x"]
-    for name in gone + kept:
+    young = f"{head}{dead.pid}00"  # of a process on another machine, perhaps
+    for name in [*gone, *kept, young]:
         (place / f"{name}.unfinished").mkdir()
         (place / f"{name}.unfinished" / "front.yaml").touch()
+        if name != young:
+            os.utime(place / f"{name}.unfinished", (0, 0))
     (place / f"{head}{dead.pid}0.unfinished").touch()  # no folder
     with results_folder(output) as folder:
         (folder / "rear.yaml").touch()
     left = {path.name for path in place.iterdir() if path.name.startswith(".")}
-    assert left == {f"{name}.unfinished" for name in [*kept, f"{head}{dead.pid}0"]}
+    assert left == {f"{name}.unfinished" for name in [*kept, young, f"{head}{dead.pid}0"]}
     assert [path.name for path in output.glob("[!.]*")] == ["rear.yaml"]
 
 

@@ -101,7 +101,7 @@ def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list
         contents = sorted(folder.iterdir(), key=natural_order)
     except OSError as error:
         raise InputError(f"{folder} cannot be read: {error.strerror or error}") from None
-    bags = [path for path in contents if path.is_file() and _bag_suffix(path)]
+    bags = [path for path in contents if path.is_file() and bag_suffix(path)]
     unpacked = {path.with_suffix("") for path in bags if path.suffix == ".zstd"}  # players leave these beside
     bags = [path for path in bags if path not in unpacked]
     images = [path for path in contents if is_image_file(path)]
@@ -157,7 +157,7 @@ def _files_listed(folder: Path, problems: list[str]) -> list[str]:
         return []
 
 
-def _bag_suffix(path: Path) -> str:
+def bag_suffix(path: Path) -> str:
     """.mcap, .db3 or .bag, also under .zstd or, while it is recorded, .active; empty for any other file."""
     name = path.with_suffix("") if path.suffix.lower() in (".zstd", ".active") else path
     suffix = name.suffix.lower()
@@ -180,7 +180,7 @@ def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:
         with open(path, "rb") as file:
             start = file.read(16)
     by_magic = [known for known in BAG_FORMATS if start.startswith(known.magic)]
-    by_name = [known for known in BAG_FORMATS if known.suffix == _bag_suffix(path)]
+    by_name = [known for known in BAG_FORMATS if known.suffix == bag_suffix(path)]
     for known in by_magic + by_name:
         return known.open(path)
     raise InputError(f"{path} is neither a bag (.mcap, .db3, .bag) nor an image nor a folder of either")
