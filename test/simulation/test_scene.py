@@ -105,7 +105,7 @@ def test_a_bag_is_read_back_as_a_recording(tmp_path):
     with open_recording(tmp_path / "a.mcap") as recording:
         assert [topic.name for topic in recording.image_topics()] == ["/c/image_raw"]
         frame = recording.frame("/c/image_raw", 0)
-        assert (frame.stamp_ns, frame.frame_id) == (5, "c") and np.array_equal(frame.image(), image)
+        assert (frame.stamp_ns, frame.taken_ns) == (5, 5) and np.array_equal(frame.image(), image)
 
 
 def test_a_bag_needs_its_suffix_and_leaves_nothing_when_it_fails(tmp_path):
