@@ -21,11 +21,15 @@ _SAMPLES = 60  # angles
 
 def with_family_spread(known: Uncertainty, chosen: Fit, others: Sequence[Fit]) -> Uncertainty:
     """The chosen fit's uncertainty, widened by what other families, fitted to the same sightings, make of them."""
+    theta = np.linspace(0, chosen.largest_angle, _SAMPLES + 1)[1:]
+    sigma = pupil_sigma(chosen.state.camera, known.covariance, theta)
+    if not (np.isfinite(sigma) & (sigma > 0)).all():
+        return known
     fits = [chosen, *(fit for fit in others if fit is not chosen)]
     weights = _weights(fits, known.clustering)
     shared = known.shared.copy()
     for weight, fit in zip(weights[1:], fits[1:], strict=True):
-        step = _step(known, chosen, fit)
+        step = _step(chosen, fit, theta, sigma)
         shared += weight * np.outer(step, step)
     free = np.flatnonzero(chosen.problem.free)
     covariance = known.covariance.copy()
@@ -43,16 +47,14 @@ def _weights(fits: Sequence[Fit], clustering: float) -> np.ndarray:
     return weights / weights.sum()
 
 
-def _step(known: Uncertainty, chosen: Fit, other: Fit) -> np.ndarray:
-    """δ (S,): from the chosen fit's shared parameters to another's."""
+def _step(chosen: Fit, other: Fit, theta: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """δ (S,): from the chosen fit's shared parameters to another's; E is compared at theta (n,), in units of sigma."""
     camera = chosen.state.camera
     names, values = chosen.shared_parameters
     theirs = dict(zip(*other.shared_parameters, strict=True))
     step = np.array([theirs.get(name, value) - value for name, value in zip(names, values, strict=True)])
-    theta = np.linspace(0, chosen.largest_angle, _SAMPLES + 1)[1:]
-    basis = camera.pupil_family.basis(theta, len(camera.coefficients)) / pupil_sigma(camera, known.covariance, theta)
-    difference = other.state.camera.entrance_pupil(theta) - camera.entrance_pupil(theta)
-    difference = difference / pupil_sigma(camera, known.covariance, theta)
+    basis = camera.pupil_family.basis(theta, len(camera.coefficients)) / sigma
+    difference = (other.state.camera.entrance_pupil(theta) - camera.entrance_pupil(theta)) / sigma
     pupil = [names.index(f"e{term + 1}") for term in range(len(camera.coefficients))]
     step[pupil] = np.linalg.lstsq(basis.T, difference, rcond=None)[0]
     return step
