@@ -83,8 +83,10 @@ def add_looking_arguments(parser: argparse.ArgumentParser) -> None:
         help="image topic of camera NAME; repeat for several cameras",
     )
     looking = parser.add_argument_group("which images to look at")
+    looking.add_argument(
+        "--max-views", type=int, default=150, metavar="N", help="choose at most N a camera (default: 150), unless:"
+    )
     which = looking.add_mutually_exclusive_group()
-    which.add_argument("--max-views", type=int, default=150, metavar="N", help="at most N a camera (default: 150)")
     which.add_argument("--every", type=int, metavar="N", help="every N-th image, whatever it shows")
     which.add_argument("--all", action="store_true", help="every image")
     looking.add_argument("--strict", action="store_true", help="refuse damaged recordings and images")

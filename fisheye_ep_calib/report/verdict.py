@@ -67,7 +67,7 @@ def _uncertainty_sentences(table: ProjectionTable) -> list[str]:
         f"axis and by {table.sigma_px[outer, column]:.2g} px at {degrees[1]}"
         for column in (near, far)
     ]
-    return [f"Noise alone (1σ) moves a projected point {said[0]}; {said[1]}."]
+    return [f"What the residuals leave open (1σ) moves a projected point {said[0]}; {said[1]}."]
 
 
 def distance_text(distance_m: float) -> str:

@@ -299,7 +299,6 @@ def test_evaluate_refuses_what_the_camera_does_not_fit(command, camera_file, obs
         (["--topic", "front=/image"], ["--topic", "observation file"]),
         (["--output", "file"], ["--output", "file is not a folder"]),
         (["--all", "--every", "2"], ["--every", "not allowed with argument --all"]),
-        (["--every", "2", "--max-views", "5"], ["--max-views", "not allowed with argument --every"]),
         (["--output", "file/below"], ["--output", "is not a folder"]),
     ],
 )
