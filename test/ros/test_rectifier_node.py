@@ -258,6 +258,7 @@ def test_large_images_at_10_hz(start_rectifier, start_publisher, probe, rendered
     rectifier = start_rectifier(distance="0.12", width=1280, height=1024)
     images = probe.collect(Image, "/front/rectified/image_rect", RELIABLE)
     wait_for(lambda: rectifier.said("publishing"), "the node")
+    wait_for(lambda: probe.node.count_publishers("/front/rectified/image_rect"), "probe and node to have met")
     publisher = start_publisher(rendered, 10, "/front/image_raw", "--frames", 100)
     published = wait_for(lambda: publisher.process.poll() is not None and int(publisher.output.split()[-1]), "the end")
     print(f"{len(images)} of {published} images rectified")
