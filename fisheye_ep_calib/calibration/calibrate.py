@@ -204,7 +204,8 @@ def _focal_length_determined(fit: Fit) -> bool:
         found = uncertainty(fit)
     except np.linalg.LinAlgError:
         return False
-    variance = np.diag(found.shared)[:2]
+    # Not more than independent noise leaves open: a model that does not fit is another matter.
+    variance = np.diag(found.shared)[:2] / found.clustering
     if not ((variance >= 0) & (variance <= (_LOOSE * values[:2]) ** 2)).all():
         return False
     if (variance <= (_SURE * values[:2]) ** 2).all():

@@ -59,7 +59,7 @@ class Structure:
         return 4 + self.skew + lens + extras + self.pupil_terms + len(WARP_NAMES) * self.board_warp
 
     def camera(self, image_size, focal_lengths: np.ndarray, centre: np.ndarray) -> FisheyeCamera:
-        """The camera to start from: no pupil shift, no skew, no extras at work."""
+        """The camera to start from: no pupil shift, no skew, no extras at work. focal_lengths, centre (2,): px."""
         return FisheyeCamera(
             image_size,
             float(focal_lengths[0]),
