@@ -178,8 +178,8 @@ def test_compressed_images_overlay_and_diagnostics(
     assert (colours.max(axis=2) - colours.min(axis=2)).max() > 50  # something is drawn in colour
 
     def counted() -> Any:
-        camera = json.loads(statuses[-1].data)["cameras"]["front"]
-        return camera if camera["views"] >= 2 else None
+        cameras = [json.loads(status.data)["cameras"]["front"] for status in statuses[-1:]]
+        return next((camera for camera in cameras if camera["views"] >= 2), None)
 
     camera = wait_for(counted, "the status")
     assert camera["received"] >= camera["searched"] >= camera["found"] >= camera["views"]

@@ -108,8 +108,12 @@ def test_two_cameras_become_a_rig(start_calibrator, probe, images, tmp_path) -> 
     assert distance_sigma < 1e-3 and block["camera_file"] == "right.yaml"
     chain = yaml.safe_load((tmp_path / "camchain.yaml").read_text())
     np.testing.assert_allclose(np.linalg.inv(chain["cam1"]["T_cn_cnm1"]), found, atol=1e-9)
-    (diagnostic,) = [one for one in diagnostics[-1].status if one.hardware_id == "rig"]
-    assert diagnostic.name == "calibrator: rig" and diagnostic.message == "2 of 2 cameras placed"
+
+    def told() -> list:
+        return [one for last in diagnostics[-1:] for one in last.status if one.message == "2 of 2 cameras placed"]
+
+    (diagnostic,) = wait_for(told, "the rig's diagnostics")
+    assert diagnostic.name == "calibrator: rig" and diagnostic.hardware_id == "rig"
 
     assert probe.call(Trigger, "/calibrator/reset").success
     wait_for(lambda: rigs[-1].data == "", "the end of the rig")

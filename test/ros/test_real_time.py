@@ -69,7 +69,7 @@ def run(start_calibrator, start_publisher, probe, images, folder, frames: int) -
     while publisher.process.poll() is None:
         memories.append(memory(calibrator.process.pid))
         time.sleep(0.5)
-    published = int(publisher.output.split()[-1])
+    published = int(publisher.wait().split()[-1])
     seen = len(statuses)
     wait_for(lambda: len(statuses) > seen + 1, "a last status")
     cameras = [json.loads(status.data)["cameras"] for status in statuses]

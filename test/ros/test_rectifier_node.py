@@ -260,6 +260,6 @@ def test_large_images_at_10_hz(start_rectifier, start_publisher, probe, rendered
     wait_for(lambda: rectifier.said("publishing"), "the node")
     wait_for(lambda: probe.node.count_publishers("/front/rectified/image_rect"), "probe and node to have met")
     publisher = start_publisher(rendered, 10, "/front/image_raw", "--frames", 100)
-    published = wait_for(lambda: publisher.process.poll() is not None and int(publisher.output.split()[-1]), "the end")
+    published = int(publisher.wait().split()[-1])
     print(f"{len(images)} of {published} images rectified")
     assert len(images) >= 0.9 * published

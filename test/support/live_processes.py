@@ -58,7 +58,15 @@ class Program:
             wait_for(lambda: self.said(text) or self.process.poll() is not None, repr(text))
         except AssertionError as error:
             raise AssertionError(f"{error}\n{self.output}") from None
+        if self.process.poll() is not None:
+            self._reader.join(5)  # what it said last may still be on its way here
         assert self.said(text), f"ended without saying {text!r}:\n{self.output}"
+
+    def wait(self) -> str:
+        """All it said until its end."""
+        self.process.wait(PATIENCE)
+        self._reader.join(5)
+        return self.output
 
     def interrupt(self, number: int = signal.SIGINT) -> tuple[int, float]:
         """Send a signal; exit code and seconds until the end."""
