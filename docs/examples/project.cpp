@@ -6,7 +6,7 @@
 // prints "u v 1" in pixels for each point, or "nan nan 0" where the camera has no image of it.
 //
 // It reads camera files as fisheye_ep_calib writes them (each list and each set of intrinsics on its own line),
-// with the lens kannala_brandt, all pupil families and the tangential terms.
+// with the lenses kannala_brandt and kannala_brandt_6, all pupil families and the tangential terms.
 
 #include <algorithm>
 #include <cmath>
@@ -21,8 +21,8 @@
 
 struct Camera {
   double fx, fy, skew, cx, cy;
-  double k[4];             // r(θ) = θ + k1 θ³ + k2 θ⁵ + k3 θ⁷ + k4 θ⁹
   double p1, p2;           // tangential
+  std::vector<double> k;   // r(θ) = θ + k1 θ³ + k2 θ⁵ + k3 θ⁷ + …
   std::string model;       // pupil family
   std::vector<double> e;   // coefficients of E(θ), metres
   double theta_max;        // rad
@@ -68,7 +68,7 @@ Camera read_camera(const std::string& path) {
     if (inside) lines.push_back(line);
   }
   if (list_of(line_of(lines, "schema")) != std::vector<double>{1}) throw std::runtime_error("schema is not 1");
-  if (line_of(lines, "lens") != "kannala_brandt") throw std::runtime_error("this example has kannala_brandt only");
+  if (line_of(lines, "lens").rfind("kannala_brandt", 0) != 0) throw std::runtime_error("this example has Kannala–Brandt only");
   for (double value : list_of(line_of(lines, "tilt")))
     if (value != 0) throw std::runtime_error("this example has no tilt");
 
@@ -79,10 +79,9 @@ Camera read_camera(const std::string& path) {
   camera.skew = number_after(intrinsics, "skew");
   camera.cx = number_after(intrinsics, "cx");
   camera.cy = number_after(intrinsics, "cy");
-  const auto radial = list_of(line_of(lines, "radial"));
+  camera.k = list_of(line_of(lines, "radial"));
   const auto tangential = list_of(line_of(lines, "tangential"));
-  if (radial.size() != 4 || tangential.size() != 2) throw std::runtime_error("radial or tangential is damaged");
-  std::copy(radial.begin(), radial.end(), camera.k);
+  if (camera.k.size() < 4 || tangential.size() != 2) throw std::runtime_error("radial or tangential is damaged");
   camera.p1 = tangential[0];
   camera.p2 = tangential[1];
   camera.model = line_of(lines, "model");
@@ -114,13 +113,15 @@ double entrance_pupil(const Camera& camera, double theta) {
 }
 
 double radius(const Camera& camera, double theta) {
-  const double s = theta * theta, *k = camera.k;
-  return theta * (1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))));
+  double sum = 0;
+  for (size_t i = camera.k.size(); i-- > 0;) sum = theta * theta * (camera.k[i] + sum);
+  return theta * (1 + sum);
 }
 
 double radius_slope(const Camera& camera, double theta) {
-  const double s = theta * theta, *k = camera.k;
-  return 1 + s * (3 * k[0] + s * (5 * k[1] + s * (7 * k[2] + s * 9 * k[3])));
+  double sum = 0;
+  for (size_t i = camera.k.size(); i-- > 0;) sum = theta * theta * ((2 * i + 3) * camera.k[i] + sum);
+  return 1 + sum;
 }
 
 // The largest angle with a projection: theta_max, or where r(θ) stops increasing.

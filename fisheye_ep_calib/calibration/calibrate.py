@@ -10,13 +10,20 @@ import numpy as np
 from fisheye_ep_calib.calibration.adjustment import adjust
 from fisheye_ep_calib.calibration.family_spread import with_family_spread
 from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, prepare, refine
-from fisheye_ep_calib.calibration.model_selection import Candidate, Search, candidate, choose, supported_pupils
+from fisheye_ep_calib.calibration.model_selection import (
+    Candidate,
+    Search,
+    candidate,
+    choose,
+    supported_pupils,
+    with_needed_lens,
+)
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.outliers import Screening, huber_fit, screen
 from fisheye_ep_calib.calibration.pose_repair import repaired
 from fisheye_ep_calib.calibration.result import CalibrationResult, Comparison
 from fisheye_ep_calib.calibration.stand_in import single_viewpoint
-from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.calibration.structure import LENS, Structure
 from fisheye_ep_calib.calibration.uncertainty import uncertainty
 from fisheye_ep_calib.camera import LENS_EXTRAS
 from fisheye_ep_calib.errors import CalibrationError, InputError
@@ -41,7 +48,7 @@ class Options:
     """
 
     terms: int | None = None
-    lens: str = "kannala_brandt"
+    lens: str | None = None
     skew: bool | None = None
     tangential: bool | None = None
     tilt: bool | None = None
@@ -83,9 +90,11 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     if model == AUTO:
         choice = choose(screening.start, base, _open_questions(settings, sightings.features.board.planar))
         candidates, fit, reasons = choice.candidates, choice.chosen.fit, choice.reasons
+        supported = choice.pupil_supported
     else:
         fit = fit if screening.start is start else refine(screening.start, base)
         candidates = _side_by_side(fit)
+        supported = bool(supported_pupils(with_needed_lens(candidates)))
     seconds = {
         "initialize": initialized - started,
         "adjust": adjusted - initialized,
@@ -107,7 +116,7 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         stand_in=single_viewpoint(camera, settings.svp_distance),
         rejected=screening.rejected,
         wrong_views=screening.wrong_views,
-        entrance_pupil_supported=bool(supported_pupils(candidates)),
+        entrance_pupil_supported=supported,
         comparison=comparison,
         reasons=reasons,
         seconds=seconds,
@@ -120,7 +129,7 @@ def base_structure(settings: Options, model: str) -> Structure:
     return Structure(
         {AUTO: "ep_even", PRINTED_FORM: "ep_odd"}.get(model, model),
         settings.terms,
-        settings.lens,
+        settings.lens or LENS,
         settings.skew is not False,
         extras,
         bool(settings.board_warp),
@@ -131,6 +140,7 @@ def base_structure(settings: Options, model: str) -> Structure:
 def _open_questions(settings: Options, planar: bool) -> Search:
     return Search(
         skew=settings.skew is None,
+        lens=settings.lens is None,
         extras=("tangential",) if settings.tangential is None else (),
         board_warp=settings.board_warp is None and planar,
     )

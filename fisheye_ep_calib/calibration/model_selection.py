@@ -10,10 +10,11 @@ from scipy.special import fdtrc  # the tail of F; scipy.stats would take half a 
 from fisheye_ep_calib.calibration.cross_validation import CrossValidation, cross_validate
 from fisheye_ep_calib.calibration.fit import Fit, refine
 from fisheye_ep_calib.calibration.normal_equations import view_robust_covariance
-from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 
 _WARP = "board warp"
+_FREER = f"lens {FREER_LENS}"
 _CLUSTERS_BEYOND_TERMS = 5  # views beyond the number of tested parameters that the view-robust test needs
 _FURTHER = 0.01  # for further terms of a pupil that is there: one too many costs variance only, not trust
 _SIGNIFICANCE = 0.001  # of a nested test; shared by several that ask the same (Bonferroni)
@@ -43,6 +44,10 @@ class Choice:
     candidates: dict[str, Candidate]
     chosen: Candidate
     reasons: tuple[str, ...]
+
+    @property
+    def pupil_supported(self) -> bool:
+        return self.chosen is not self.candidates["kannala"]
 
 
 def candidate(start: Fit, structure: Structure) -> Candidate:
@@ -95,15 +100,16 @@ def supported(rich: Candidate, plain: Candidate, significance: float = _SIGNIFIC
 
 @dataclass(frozen=True)
 class Search:
-    """What ``auto`` may decide: skew, and which of the extras and the board warp it may add."""
+    """What ``auto`` may decide: skew, a freer lens, and which of the extras and the board warp it may add."""
 
     skew: bool = True
+    lens: bool = True
     extras: tuple[str, ...] = ("tangential",)
     board_warp: bool = True
 
 
 def choose(start: Fit, base: Structure, search: Search) -> Choice:
-    """Choose among the models, deciding extras first: a board's bow would else pass for a pupil's shift.
+    """Choose among the models, deciding extras first: a board's bow, or a lens that bends more, would pass for a pupil.
 
     base: what the user has fixed; search: what is open. The additions are tried one by one on the model that predicts
     best, each kept where a nested test and cross-validation agree; then all models are compared with what was kept.
@@ -112,10 +118,9 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     fitted = {model: candidate(start, _with_model(base, model, base.terms)) for model in PUPIL_FAMILIES}
     best = min(fitted.values(), key=lambda one: one.validation.mean_loss)
     structure = best.structure
-    additions = [_WARP] * search.board_warp + list(search.extras)
+    additions = [_WARP] * search.board_warp + list(search.extras) + [_FREER] * search.lens
     while additions:
-        tried = {name: candidate(best.fit, _with_addition(best.structure, name)) for name in additions}
-        name, richer = min(tried.items(), key=lambda item: item[1].validation.mean_loss)
+        name, richer = _most_promising({name: _with_addition(best.structure, name) for name in additions}, best)
         kept = supported(richer, best)
         reasons.append(_reason(name, richer, best, kept))
         if not kept:
@@ -134,11 +139,23 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
             else candidate(fitted[model].fit, _with_model(best.structure, model, base.terms))
             for model in PUPIL_FAMILIES
         }
-    chosen = simplest_good(fitted)
+    judged = fitted if search.lens else with_needed_lens(fitted)
+    if judged is not fitted:
+        reasons.append(f"the pupil is judged with {FREER_LENS}, which the data support: leave --lens away to have it")
+    chosen = _simplest_good(fitted, supported_pupils(judged))
     if base.terms is None:
         chosen = _with_further_terms(chosen, reasons)
         fitted[chosen.structure.model] = chosen
     return Choice(fitted, chosen, tuple(reasons))
+
+
+def _most_promising(structures: dict[str, Structure], best: Candidate) -> tuple[str, Candidate]:
+    """Of the additions that pass the nested test the one that predicts best; without one the most probable."""
+    fits = {name: refine(best.fit, structure) for name, structure in structures.items()}
+    chances = {name: nested_test(fit, best.fit) for name, fit in fits.items()}
+    passed = [name for name in fits if chances[name] < _SIGNIFICANCE] or [min(fits, key=chances.__getitem__)]
+    tried = {name: Candidate(fits[name], cross_validate(fits[name])) for name in passed}
+    return min(tried.items(), key=lambda item: item[1].validation.mean_loss)
 
 
 def _with_further_terms(chosen: Candidate, reasons: list[str]) -> Candidate:
@@ -160,28 +177,44 @@ def _with_model(structure: Structure, model: str, terms: int | None) -> Structur
 
 
 def _with_addition(structure: Structure, name: str) -> Structure:
+    if name == _FREER:
+        return replace(structure, lens=FREER_LENS)
     if name == _WARP:
         return replace(structure, board_warp=True)
     return replace(structure, extras=(*structure.extras, name))
 
 
-def supported_pupils(candidates: dict[str, Candidate]) -> list[Candidate]:
+def supported_pupils(candidates: dict[str, Candidate]) -> list[str]:
     """Those of the pupil models that the data support against the single viewpoint; each is one of several trials."""
     central = candidates["kannala"]
-    pupils = [one for one in candidates.values() if one is not central]
-    return [one for one in pupils if supported(one, central, _SIGNIFICANCE / len(pupils))]
+    pupils = {name: one for name, one in candidates.items() if one is not central}
+    return [name for name, one in pupils.items() if supported(one, central, _SIGNIFICANCE / len(pupils))]
 
 
-def simplest_good(candidates: dict[str, Candidate]) -> Candidate:
-    """Of the pupils that the data support the simplest that the best does not clearly beat, ties by prediction.
+def with_needed_lens(candidates: dict[str, Candidate]) -> dict[str, Candidate]:
+    """The same models, with a freer r(θ) where the data support it: what four terms leave of one passes for a pupil."""
+    best = min(candidates.values(), key=lambda one: one.validation.mean_loss)
+    if best.structure.lens != LENS:
+        return candidates
+    freer = candidate(best.fit, _with_addition(best.structure, _FREER))
+    if not supported(freer, best):
+        return candidates
+    return {
+        name: freer if one is best else candidate(one.fit, _with_addition(one.structure, _FREER))
+        for name, one in candidates.items()
+    }
+
+
+def _simplest_good(candidates: dict[str, Candidate], pupils: list[str]) -> Candidate:
+    """Of the supported pupils the simplest that the best does not clearly beat, ties by prediction.
 
     Without one that is supported the single viewpoint.
     """
-    pupils = supported_pupils(candidates)
     if not pupils:
         return candidates["kannala"]
-    best = min(pupils, key=lambda one: one.validation.mean_loss)
-    good = [one for one in pupils if one is best or not best.clearly_better(one)]
+    found = [candidates[name] for name in pupils]
+    best = min(found, key=lambda one: one.validation.mean_loss)
+    good = [one for one in found if one is best or not best.clearly_better(one)]
     return min(good, key=lambda one: (one.structure.parameter_count, one.validation.mean_loss))
 
 

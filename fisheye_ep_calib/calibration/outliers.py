@@ -14,7 +14,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, refine, with_weights
 from fisheye_ep_calib.calibration.pose_repair import repaired
 from fisheye_ep_calib.calibration.robust import Loss, robust_spread
-from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 
 _LIMIT = 6.0  # σ per axis; a Gaussian residual exceeds it once in 65 million
 _HUBER = 1.345  # σ; 95 % efficient on Gaussian residuals
@@ -58,11 +58,12 @@ def has_outliers(fit: Fit) -> bool:
 
 
 def richest_structure(structure: Structure, sightings: Sightings) -> Structure:
-    """The structure with everything in it that the data can carry: four pupil terms, decentering, board warp."""
+    """The structure with everything that the data can carry: all of pupil, lens, decentering and board warp."""
     rich = replace(
         structure,
         model="ep_even",
         terms=4,
+        lens=FREER_LENS if structure.lens == LENS else structure.lens,
         target_axis=False,
         skew=True,
         extras=tuple(dict.fromkeys((*structure.extras, "tangential"))),

@@ -28,7 +28,6 @@ class Loss:
         value = np.where(outside, 2 * self.scale * length - limit, square)
         return value, np.where(outside, np.sqrt(self.scale / length), 1.0)
 
-
     def curvature(self, square: np.ndarray) -> np.ndarray:
         """½ div ψ of the influence ψ(v) = ρ′(|v|²) v of residuals v of these squared lengths: ρ′ + s ρ″."""
         if self.kind == "linear":
@@ -45,14 +44,17 @@ LINEAR = Loss()
 def noise_variance(loss: Loss, square: np.ndarray, degrees_of_freedom: int) -> tuple[float, float]:
     """σ², px², of one coordinate, and by how much the loss lowers the information JᵀJ, from squared lengths (n,).
 
-    σ² = Σ |ψ|² / degrees of freedom / (mean ½ div ψ)²: with it σ² (JᵀJ)⁻¹ is the covariance of the estimate (Huber,
-    Robust Statistics, 1981, 7.6). Without a robust loss it is the usual sum of squares over the degrees of freedom.
+    σ² = K² Σ |ψ|² / degrees of freedom / (mean ψ′)², ψ′ = ½ div ψ, K = 1 + p/n var ψ′ / (mean ψ′)² for p parameters
+    of n coordinates: with it σ² (JᵀJ)⁻¹ is the covariance of the estimate (Huber, Robust Statistics, 1981, 7.6). Without a robust loss it is the usual sum of squares over the degrees of freedom.
     The normal equations hold JᵀJ times mean ρ′, the second figure.
     """
     _, factor = loss.evaluate(square)
     weight = factor**2
     influence = float((weight**2 * square).sum()) / max(degrees_of_freedom, 1)
-    return influence / float(loss.curvature(square).mean()) ** 2, float(weight.mean())
+    curvature = loss.curvature(square)
+    parameters = 1 - degrees_of_freedom / (2 * len(square))
+    inflation = 1 + parameters * float(curvature.var() / curvature.mean() ** 2)
+    return inflation**2 * influence / float(curvature.mean()) ** 2, float(weight.mean())
 
 
 def robust_spread(lengths: np.ndarray, quantile: float = 0.5) -> float:

@@ -10,6 +10,9 @@ from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 
+LENS = "kannala_brandt"  # unless another is asked for, or needed
+FREER_LENS = "kannala_brandt_6"
+
 
 @dataclass(frozen=True)
 class Structure:
@@ -21,7 +24,7 @@ class Structure:
 
     model: str = "ep_even"
     terms: int | None = None
-    lens: str = "kannala_brandt"
+    lens: str = LENS
     skew: bool = True
     extras: tuple[str, ...] = ()
     board_warp: bool = False
@@ -79,8 +82,6 @@ class Structure:
         known = dict(zip(other.parameter_names, other.parameters, strict=True))
         if other.model != self.model:
             known = {name: value for name, value in known.items() if not _is_pupil(name)}
-        if other.lens != self.lens:
-            known = {name: known[name] for name in known if name not in other.lens_model.coefficient_names}
         if not self.skew:
             known["skew"] = 0.0
         values = [known.get(name, value) for name, value in zip(start.parameter_names, start.parameters, strict=True)]

@@ -11,6 +11,7 @@ from typing import Any
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, Options, calibrate
 from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM, base_structure
+from fisheye_ep_calib.calibration.structure import LENS
 from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing, refuse_unwritable
@@ -65,7 +66,7 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
     )
     structure = parser.add_argument_group("what is estimated", "With --model auto the data decide what you leave open.")
     structure.add_argument("--terms", type=int, metavar="N", help="terms of the entrance pupil's series")
-    structure.add_argument("--lens", default="kannala_brandt", choices=list(LENSES), help="the central lens r(θ)")
+    structure.add_argument("--lens", choices=list(LENSES), help=f"the central lens r(θ) (default: {LENS})")
     action = argparse.BooleanOptionalAction
     structure.add_argument("--skew", action=action, help="skew of the pixel axes")
     structure.add_argument("--tangential", action=action, help="decentering p1, p2")

@@ -9,6 +9,7 @@ import pytest
 from known_scenes import CAMERA, seen_board
 
 from fisheye_ep_calib.calibration import calibrate
+from fisheye_ep_calib.calibration.uncertainty import pupil_sigma
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses
 from fisheye_ep_calib.target.chessboard import Chessboard
 
@@ -68,6 +69,23 @@ def test_what_is_open_is_decided_and_what_is_fixed_is_not() -> None:
     assert fixed.camera.skew == 0 and not fixed.camera.extras and not np.any(fixed.board_warp)
     forced = calibrate(paper_views(1.0, 4), board_warp=True, tangential=True, skew=True)
     assert np.any(forced.board_warp) and "tangential" in forced.camera.extras and forced.camera.skew != 0
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.2])
+def test_a_lens_that_needs_more_terms_is_not_taken_for_a_pupil(shift) -> None:
+    """k6 bends the rim by 5 px, more than four terms follow; E(80°) = 0 and −0.3 mm."""
+    camera = replace(paper_camera(), model="ep_even", coefficients=(-0.6e-3 * shift, -0.1e-3 * shift))
+    camera = replace(camera, lens="kannala_brandt_6", radial=(*camera.radial, 0.0, 0.0005))
+    views = observe(camera, BOARD, paper_poses(BOARD, 1), 0.15, 1)
+    found = calibrate(views)
+    assert found.camera.lens == "kannala_brandt_6" and not found.rejected and found.rms_px < 0.215
+    assert found.entrance_pupil_supported == (shift > 0) == (found.model != "kannala")
+    assert len(found.stand_in.camera.radial) == 4
+    angle = np.radians(80)
+    sigma = pupil_sigma(found.camera, found.uncertainty.covariance, angle)
+    assert abs(found.camera.entrance_pupil(angle) - camera.entrance_pupil(angle)) <= 3 * sigma
+    for fixed in (calibrate(views, lens="kannala_brandt"), calibrate(views, "ep_even")):
+        assert fixed.camera.lens == "kannala_brandt" and fixed.entrance_pupil_supported == (shift > 0)
 
 
 def test_verdict_and_choice_are_one() -> None:

@@ -27,11 +27,12 @@ def central_differences(function, at: np.ndarray, steps: np.ndarray) -> np.ndarr
 
 
 def parameter_steps(camera: FisheyeCamera) -> np.ndarray:
-    """(P,): 0.1 px, 0.01 of skew, 1e-4 of a lens coefficient, a pupil shift of 3 µm at 100°."""
+    """(P,): 0.1 px, 0.01 of skew, 1e-4 of a lens coefficient, 1e-5 beyond k4, a pupil shift of 3 µm at 100°."""
     terms = len(camera.coefficients)
     shifts = [abs(PUPILS[camera.model](np.radians(100), unit)) for unit in np.eye(terms)]
-    plain = len(camera.parameters) - terms - 5
-    return np.array([0.1, 0.1, 0.01, 0.1, 0.1] + [1e-4] * plain + [3e-6 / shift for shift in shifts])
+    names = camera.parameter_names[5 : len(camera.parameters) - terms]
+    lens = [1e-5 if name in ("k5", "k6") else 1e-4 for name in names]
+    return np.array([0.1, 0.1, 0.01, 0.1, 0.1, *lens, *[3e-6 / shift for shift in shifts]])
 
 
 def assert_same(found: np.ndarray, expected: np.ndarray) -> None:

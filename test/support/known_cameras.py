@@ -21,7 +21,7 @@ TERMS = {"kannala": 0, "ep_odd": 4, "ep_even": 2, "gennery": 3}
 
 
 def kannala_brandt(theta, k):
-    return theta + k[0] * theta**3 + k[1] * theta**5 + k[2] * theta**7 + k[3] * theta**9
+    return theta + sum(value * theta ** (2 * term + 3) for term, value in enumerate(k))
 
 
 def double_sphere(theta, k):
@@ -31,7 +31,7 @@ def double_sphere(theta, k):
     return np.sin(theta) / (alpha * d2 + (1 - alpha) * (xi + np.cos(theta)))
 
 
-LENSES = {"kannala_brandt": kannala_brandt, "double_sphere": double_sphere}
+LENSES = {"kannala_brandt": kannala_brandt, "kannala_brandt_6": kannala_brandt, "double_sphere": double_sphere}
 
 
 def decentered(x, y, p):
@@ -64,6 +64,8 @@ def random_camera(
         float(share / PUPILS[model](right_angle, unit)) for share, unit in zip(shares, units, strict=True)
     ]
     radial = rng.normal(0, [0.015, 0.004, 0.001, 0.0002])
+    if lens == "kannala_brandt_6":
+        radial = [*radial, *rng.uniform(0, [4e-5, 8e-6])]
     if lens == "double_sphere":
         radial = [rng.uniform(-0.35, 0.0), rng.uniform(0.55, 0.65)]
     return FisheyeCamera(

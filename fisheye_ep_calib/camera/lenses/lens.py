@@ -8,7 +8,8 @@ import numpy as np
 class Lens(Protocol):
     """An axially symmetric central projection for unit focal length: radius r of a ray at angle θ.
 
-    name: what the camera file calls it. coefficient_names: one name a coefficient.
+    name: what the camera file calls it. coefficient_names: one name a coefficient; names that lenses share mean the
+    same.
     start_coefficients: where a calibration starts.
     Angles are arrays of any shape S, in radians; r is dimensionless.
     """
