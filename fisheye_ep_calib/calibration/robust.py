@@ -45,8 +45,9 @@ def noise_variance(loss: Loss, square: np.ndarray, degrees_of_freedom: int) -> t
     """σ², px², of one coordinate, and by how much the loss lowers the information JᵀJ, from squared lengths (n,).
 
     σ² = K² Σ |ψ|² / degrees of freedom / (mean ψ′)², ψ′ = ½ div ψ, K = 1 + p/n var ψ′ / (mean ψ′)² for p parameters
-    of n coordinates: with it σ² (JᵀJ)⁻¹ is the covariance of the estimate (Huber, Robust Statistics, 1981, 7.6). Without a robust loss it is the usual sum of squares over the degrees of freedom.
-    The normal equations hold JᵀJ times mean ρ′, the second figure.
+    of n coordinates: with it σ² (JᵀJ)⁻¹ is the covariance of the estimate (Huber, Robust Statistics, 1981, 7.6).
+    Without a robust loss it is the usual sum of squares over the degrees of freedom. The normal equations hold JᵀJ
+    times mean ρ′, the second figure.
     """
     _, factor = loss.evaluate(square)
     weight = factor**2
