@@ -3,8 +3,9 @@
     OMP_NUM_THREADS=1 python benchmarks/verdicts.py [--draws 20] [--workers 2]
 
 Synthetic: the Table 1 camera with an even pupil of several sizes, none among them, with new poses and noise for each
-draw; and once more with a lens that four terms of r(θ) do not follow. Real: public data sets, where they are at hand (FISHEYE_EP_CALIB_DATA, or ../shared/data). Everything through the
-default ``auto``, which also decides skew, tangential terms, the lens and the board's bow.
+draw; and once more with a lens that four terms of r(θ) do not follow. Real: public data sets, where they are at hand
+(FISHEYE_EP_CALIB_DATA, or ../shared/data). Everything through the default ``auto``, which also decides skew,
+tangential terms, the lens and the board's bow.
 """
 
 from __future__ import annotations

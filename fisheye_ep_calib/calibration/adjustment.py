@@ -142,6 +142,7 @@ def adjust(
     state: AdjustmentState,
     max_iterations: int = MOST_ITERATIONS,
     tolerance: float = CONVERGED,
+    last_step: bool = True,
 ) -> Adjustment:
     """Minimise the cost from a state on (levenberg_marquardt.py)."""
     found = minimise(
@@ -150,5 +151,6 @@ def adjust(
         state,
         max_iterations,
         tolerance,
+        last_step,
     )
     return Adjustment(found.state, found.equations, found.iterations, found.converged)

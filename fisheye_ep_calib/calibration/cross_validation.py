@@ -102,7 +102,7 @@ def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple
         warp_free=False,
     )
     state = replace(trained.state, camera_from_target=fit.state.camera_from_target[held_out])
-    refitted = adjust(problem, state, tolerance=1e-5)
+    refitted = adjust(problem, state, tolerance=1e-5, last_step=False)
     loss = square = 2 * refitted.equations.cost
     if problem.loss.kind != "linear":
         error, _, _ = residuals(problem, refitted.state, len(sightings.observations.pixels))

@@ -239,6 +239,20 @@ def refine(
     sightings, loss: default to the start's sightings and to theirs. tolerance: on the cost (levenberg_marquardt.py).
     """
     sightings = sightings or start.sightings
+    problem, state = opened(start, structure, sightings, loss)
+    unknowns = problem.shared_size + 6 * len(sightings.images)
+    if 2 * sightings.point_count <= unknowns:
+        raise CalibrationError(
+            f"{sightings.point_count} points give {2 * sightings.point_count} equations for {unknowns} unknowns: "
+            "record more views or views with more of the target's points"
+        )
+    return adjusted(structure, sightings, problem, state, tolerance)
+
+
+def opened(
+    start: Fit, structure: Structure, sightings: Sightings, loss: Loss | None = None
+) -> tuple[AdjustmentProblem, AdjustmentState]:
+    """A structure's problem and where a fit of another leaves it: what both have in common, the rest zero."""
     state = start.state
     camera = structure.camera_like(state.camera)
     position = np.searchsorted(start.sightings.images, sightings.images)
@@ -253,13 +267,7 @@ def refine(
         theta_limit=float(min(np.pi, 1.2 * np.nanmax(theta) + 0.1)),
         loss=loss or sightings.loss,
     )
-    unknowns = problem.shared_size + 6 * len(sightings.images)
-    if 2 * sightings.point_count <= unknowns:
-        raise CalibrationError(
-            f"{sightings.point_count} points give {2 * sightings.point_count} equations for {unknowns} unknowns: "
-            "record more views or views with more of the target's points"
-        )
-    return adjusted(structure, sightings, problem, AdjustmentState(camera, poses, warp), tolerance)
+    return problem, AdjustmentState(camera, poses, warp)
 
 
 def adjusted(

@@ -34,11 +34,12 @@ def minimise(
     state: State,
     max_iterations: int = MOST_ITERATIONS,
     tolerance: float = CONVERGED,
+    last_step: bool = True,
 ) -> Minimum[State]:
     """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping; Madsen et al. 2004, algorithm 3.16).
 
     stepped: the state after a step, or None where there is none. Converged when the step's predicted decrease falls
-    below tolerance × cost.
+    below tolerance × cost. last_step: whether that step is taken as well; where only the cost matters it need not be.
     """
     equations = evaluate(state)
     damping, growth = _FIRST_DAMPING, 4.0
@@ -52,6 +53,8 @@ def minimise(
             continue
         floor = tolerance * max(equations.cost, 1e-14)
         small = 0 <= step.predicted_decrease <= floor
+        if small and damping < 1.0 and not last_step:
+            return Minimum(state, equations, iteration, True)
         trial = stepped(state, step)
         trial_equations = evaluate(trial) if trial is not None else None
         accepted = trial_equations is not None and trial_equations.valid and trial_equations.cost < equations.cost

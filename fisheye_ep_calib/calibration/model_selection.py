@@ -7,15 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import fdtrc  # the tail of F; scipy.stats would take half a second to load
 
+from fisheye_ep_calib.calibration.adjustment import evaluate
 from fisheye_ep_calib.calibration.cross_validation import CrossValidation, cross_validate
-from fisheye_ep_calib.calibration.fit import Fit, refine
-from fisheye_ep_calib.calibration.normal_equations import view_robust_covariance
+from fisheye_ep_calib.calibration.fit import Fit, opened, refine
+from fisheye_ep_calib.calibration.normal_equations import solve_damped, view_robust_covariance
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 
 _WARP = "board warp"
 _FREER = f"lens {FREER_LENS}"
 _CLUSTERS_BEYOND_TERMS = 5  # views beyond the number of tested parameters that the view-robust test needs
+_ALMOST_UNDAMPED = 1e-9
+_HOPELESS = 0.1  # p-value of the first step's test: the fit's own will not be a hundred times smaller
 _FURTHER = 0.01  # for further terms of a pupil that is there: one too many costs variance only, not trust
 _SIGNIFICANCE = 0.001  # of a nested test; shared by several that ask the same (Bonferroni)
 
@@ -65,13 +68,32 @@ def nested_test(rich: Fit, plain: Fit) -> float:
     that the F test stands alone.
     """
     extra = rich.structure.parameter_count - plain.structure.parameter_count
-    freedom = rich.degrees_of_freedom
-    rich_cost, plain_cost = rich.adjustment.equations.cost, plain.adjustment.equations.cost
-    if extra <= 0 or freedom <= 0:
+    if extra <= 0 or rich.degrees_of_freedom <= 0:
         return 1.0
-    statistic = max(plain_cost - rich_cost, 0.0) / extra / max(rich_cost / freedom, 1e-300)
-    independent = float(fdtrc(extra, freedom, statistic))
-    return max(independent, _wald_test(rich, plain))
+    gain = plain.adjustment.equations.cost - rich.adjustment.equations.cost
+    return max(_f_test(plain, gain, extra), _wald_test(rich, plain))
+
+
+def _f_test(plain: Fit, gain: float, extra: int) -> float:
+    """p-value of a gain in cost, px², by ``extra`` parameters more than a fit's."""
+    freedom = plain.degrees_of_freedom - extra
+    rest = max(plain.adjustment.equations.cost - gain, 1e-300)
+    return float(fdtrc(extra, freedom, max(gain, 0.0) / extra / (rest / freedom)))
+
+
+def first_step_test(structure: Structure, plain: Fit) -> float:
+    """As ``nested_test``, from what the first step of a richer structure's adjustment promises: Rao's score test.
+
+    It costs one evaluation where a fit takes several, and says as much where there is little to gain.
+    """
+    extra = structure.parameter_count - plain.structure.parameter_count
+    equations = evaluate(*opened(plain, structure, plain.sightings))
+    if extra <= 0 or plain.degrees_of_freedom <= extra:
+        return 1.0
+    try:
+        return _f_test(plain, solve_damped(equations, _ALMOST_UNDAMPED).predicted_decrease, extra)
+    except np.linalg.LinAlgError:  # nothing is known about them
+        return 1.0
 
 
 def _wald_test(rich: Fit, plain: Fit) -> float:
@@ -120,10 +142,10 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     structure = best.structure
     additions = [_WARP] * search.board_warp + list(search.extras) + [_FREER] * search.lens
     while additions:
-        name, richer = _most_promising({name: _with_addition(best.structure, name) for name in additions}, best)
-        kept = supported(richer, best)
-        reasons.append(_reason(name, richer, best, kept))
-        if not kept:
+        name, chance, richer = _most_promising({name: _with_addition(best.structure, name) for name in additions}, best)
+        kept = richer is not None and supported(richer, best)
+        reasons.append(_reason(name, richer, best, kept) if richer else _left_out(name, chance))
+        if not (richer and kept):
             break
         best = richer
         additions.remove(name)
@@ -142,32 +164,57 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     judged = fitted if search.lens else with_needed_lens(fitted)
     if judged is not fitted:
         reasons.append(f"the pupil is judged with {FREER_LENS}, which the data support: leave --lens away to have it")
-    chosen = _simplest_good(fitted, supported_pupils(judged))
+    pupils = supported_pupils(judged)
+    grown = {}
     if base.terms is None:
-        chosen = _with_further_terms(chosen, reasons)
-        fitted[chosen.structure.model] = chosen
+        grown = {name: _with_further_terms(fitted[name]) for name in pupils}
+        fitted |= {name: one for name, (one, _) in grown.items()}
+    chosen = _simplest_good(fitted, pupils)
+    if chosen.structure.model in grown:
+        reasons += grown[chosen.structure.model][1]
     return Choice(fitted, chosen, tuple(reasons))
 
 
-def _most_promising(structures: dict[str, Structure], best: Candidate) -> tuple[str, Candidate]:
-    """Of the additions that pass the nested test the one that predicts best; without one the most probable."""
-    fits = {name: refine(best.fit, structure) for name, structure in structures.items()}
-    chances = {name: nested_test(fit, best.fit) for name, fit in fits.items()}
-    passed = [name for name in fits if chances[name] < _SIGNIFICANCE] or [min(fits, key=chances.__getitem__)]
-    tried = {name: Candidate(fits[name], cross_validate(fits[name])) for name in passed}
-    return min(tried.items(), key=lambda item: item[1].validation.mean_loss)
+def _most_promising(structures: dict[str, Structure], best: Candidate) -> tuple[str, float, Candidate | None]:
+    """Name and p-value of the addition that is tried next, and its candidate where the nested test supports it.
+
+    Of several that pass the test it is the one that predicts best, else the one that comes nearest.
+    """
+    tests = {name: _tested(structure, best.fit) for name, structure in structures.items()}
+    passed = {name: fit for name, (chance, fit) in tests.items() if fit and chance < _SIGNIFICANCE}
+    if not passed:
+        name = min(tests, key=lambda one: tests[one][0])
+        return name, tests[name][0], None
+    tried = {name: Candidate(fit, cross_validate(fit)) for name, fit in passed.items()}
+    name = min(tried, key=lambda one: tried[one].validation.mean_loss)
+    return name, tests[name][0], tried[name]
 
 
-def _with_further_terms(chosen: Candidate, reasons: list[str]) -> Candidate:
-    """The chosen pupil with as many terms as the data support; one more may tell little where two more tell much."""
-    most = PUPIL_FAMILIES[chosen.structure.model].max_terms
-    for terms in range(chosen.structure.pupil_terms + 1, most + 1):
-        richer = candidate(chosen.fit, replace(chosen.structure, terms=terms))
-        kept = supported(richer, chosen, _FURTHER)
-        reasons.append(_reason(f"{terms} terms of {chosen.structure.model}", richer, chosen, kept))
-        if kept:
-            chosen = richer
-    return chosen
+def _tested(structure: Structure, plain: Fit) -> tuple[float, Fit | None]:
+    """p-value of a richer structure and its fit, which is not made where the first step already tells enough."""
+    chance = first_step_test(structure, plain)
+    if chance > _HOPELESS:
+        return chance, None
+    fit = refine(plain, structure)
+    return nested_test(fit, plain), fit
+
+
+def _with_further_terms(one: Candidate) -> tuple[Candidate, list[str]]:
+    """A pupil with as many terms as the data support; one more may tell little where two more tell much. The steps."""
+    reasons = []
+    model, best = one.structure.model, one.fit
+    for terms in range(one.structure.pupil_terms + 1, PUPIL_FAMILIES[model].max_terms + 1):
+        chance, fit = _tested(replace(one.structure, terms=terms), best)
+        if fit and chance < _FURTHER:
+            best = fit
+        else:
+            reasons.append(_left_out(f"{terms} terms of {model}", chance))
+    if best is one.fit:
+        return one, reasons
+    richer = Candidate(best, cross_validate(best))
+    kept = supported(richer, one, _FURTHER)
+    reasons.insert(0, _reason(f"{best.structure.pupil_terms} terms of {model}", richer, one, kept))
+    return (richer if kept else one), reasons
 
 
 def _with_model(structure: Structure, model: str, terms: int | None) -> Structure:
@@ -225,3 +272,7 @@ def _reason(name: str, richer: Candidate, plain: Candidate, kept: bool) -> str:
         f"{name} {'kept' if kept else 'left out'}: held-out error {percent:+.2f} % better ± {100 * error:.2f} %, "
         f"nested test p = {nested_test(richer.fit, plain.fit):.2g}"
     )
+
+
+def _left_out(name: str, chance: float) -> str:
+    return f"{name} left out: nested test p = {chance:.2g}"

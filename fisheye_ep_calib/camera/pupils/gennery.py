@@ -11,19 +11,24 @@ from fisheye_ep_calib.camera.pupils.family import power_basis
 _SERIES_BELOW = 0.05  # rad; the next series term there is below 1e-16
 
 
-def _factor(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """q = θ/sinθ − 1 and dq/dθ = (sinθ − θ cosθ)/sin²θ, by their series near the axis."""
-    theta = np.asarray(theta, dtype=float)
+def _excess(theta: np.ndarray, sine: np.ndarray) -> np.ndarray:
+    """q = θ/sinθ − 1, by its series near the axis; of an array θ and its sine."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        excess = np.asarray(theta / sine - 1)
     small = np.abs(theta) < _SERIES_BELOW
-    safe = np.where(small, 1.0, theta)
-    sine, cosine = np.sin(safe), np.cos(safe)
-    square = np.where(small, theta * theta, 0.0)
-    series = square * (1 / 6 + square * (7 / 360 + square * (31 / 15120 + square * (127 / 604800))))
-    slope = np.where(small, theta, 0.0) * (1 / 3 + square * (7 / 90 + square * (31 / 2520 + square * (127 / 75600))))
-    return (
-        np.where(small, series, safe / sine - 1),
-        np.where(small, slope, (sine - safe * cosine) / (sine * sine)),
-    )
+    square = theta[small] ** 2
+    excess[small] = square * (1 / 6 + square * (7 / 360 + square * (31 / 15120 + square * (127 / 604800))))
+    return excess
+
+
+def _excess_slope(theta: np.ndarray, sine: np.ndarray) -> np.ndarray:
+    """dq/dθ = (sinθ − θ cosθ)/sin²θ, likewise."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = np.asarray((sine - theta * np.cos(theta)) / (sine * sine))
+    small = np.abs(theta) < _SERIES_BELOW
+    near, square = theta[small], theta[small] ** 2
+    slope[small] = near * (1 / 3 + square * (7 / 90 + square * (31 / 2520 + square * (127 / 75600))))
+    return slope
 
 
 class GenneryPupil:
@@ -34,22 +39,25 @@ class GenneryPupil:
 
     def basis(self, theta: np.ndarray, terms: int) -> np.ndarray:
         """−(θ/sinθ − 1) θ^(2i), shape (terms, *S)."""
-        factor, _ = _factor(theta)
-        basis = np.empty((terms, *np.shape(theta)))
+        theta = np.asarray(theta, dtype=float)
+        basis = np.empty((terms, *theta.shape))
+        square = theta * theta
         for term in range(terms):
-            basis[term] = -factor if term == 0 else basis[term - 1] * theta * theta
+            basis[term] = basis[term - 1] * square if term else -_excess(theta, np.sin(theta))
         return basis
 
     def basis_derivative(self, theta: np.ndarray, terms: int) -> np.ndarray:
         """−(q′ θ^(2i) + 2 i q θ^(2i−1)) with q = θ/sinθ − 1, shape (terms, *S)."""
-        factor, slope = _factor(theta)
-        basis = np.empty((terms, *np.shape(theta)))
+        theta = np.asarray(theta, dtype=float)
+        sine = np.sin(theta)
+        excess, slope = _excess(theta, sine), _excess_slope(theta, sine)
+        basis = np.empty((terms, *theta.shape))
         powers = power_basis(theta, 1, terms)  # θ^(2i−1) stands at [i − 1]
         for term in range(terms):
             if term == 0:
                 basis[0] = -slope
                 continue
-            basis[term] = -(slope * powers[term - 1] * theta + 2 * term * factor * powers[term - 1])
+            basis[term] = -(slope * powers[term - 1] * theta + 2 * term * excess * powers[term - 1])
         return basis
 
 
