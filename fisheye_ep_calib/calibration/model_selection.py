@@ -5,19 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import fdtrc  # the tail of F; scipy.stats would take half a second to load
 
-from fisheye_ep_calib.calibration.adjustment import evaluate
 from fisheye_ep_calib.calibration.cross_validation import CrossValidation, cross_validate
-from fisheye_ep_calib.calibration.fit import Fit, opened, refine
-from fisheye_ep_calib.calibration.normal_equations import solve_damped, view_robust_covariance
+from fisheye_ep_calib.calibration.fit import Fit, refine
+from fisheye_ep_calib.calibration.nested_tests import first_step_test, nested_test
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 
 _WARP = "board warp"
 _FREER = f"lens {FREER_LENS}"
-_CLUSTERS_BEYOND_TERMS = 5  # views beyond the number of tested parameters that the view-robust test needs
-_ALMOST_UNDAMPED = 1e-9
 _HOPELESS = 0.1  # p-value of the first step's test: the fit's own will not be a hundred times smaller
 _FURTHER = 0.01  # for further terms of a pupil that is there: one too many costs variance only, not trust
 _SIGNIFICANCE = 0.001  # of a nested test; shared by several that ask the same (Bonferroni)
@@ -59,58 +55,6 @@ def candidate(start: Fit, structure: Structure) -> Candidate:
     return Candidate(fit, cross_validate(fit))
 
 
-def nested_test(rich: Fit, plain: Fit) -> float:
-    """p-value for "a richer fit's further parameters are zero": the larger of two tests.
-
-    The F test on the costs (Seber and Wild, Nonlinear Regression, 5.3) trusts that residuals are independent; those
-    of one view share its pose, its lighting and its blur, so a Wald test whose covariance is built from whole views
-    (the cluster-robust sandwich; Cameron and Miller, J. Human Resources 50, 2015) must agree. With too few views for
-    that the F test stands alone.
-    """
-    extra = rich.structure.parameter_count - plain.structure.parameter_count
-    if extra <= 0 or rich.degrees_of_freedom <= 0:
-        return 1.0
-    gain = plain.adjustment.equations.cost - rich.adjustment.equations.cost
-    return max(_f_test(plain, gain, extra), _wald_test(rich, plain))
-
-
-def _f_test(plain: Fit, gain: float, extra: int) -> float:
-    """p-value of a gain in cost, px², by ``extra`` parameters more than a fit's."""
-    freedom = plain.degrees_of_freedom - extra
-    rest = max(plain.adjustment.equations.cost - gain, 1e-300)
-    return float(fdtrc(extra, freedom, max(gain, 0.0) / extra / (rest / freedom)))
-
-
-def first_step_test(structure: Structure, plain: Fit) -> float:
-    """As ``nested_test``, from what the first step of a richer structure's adjustment promises: Rao's score test.
-
-    It costs one evaluation where a fit takes several, and says as much where there is little to gain.
-    """
-    extra = structure.parameter_count - plain.structure.parameter_count
-    equations = evaluate(*opened(plain, structure, plain.sightings))
-    if extra <= 0 or plain.degrees_of_freedom <= extra:
-        return 1.0
-    try:
-        return _f_test(plain, solve_damped(equations, _ALMOST_UNDAMPED).predicted_decrease, extra)
-    except np.linalg.LinAlgError:  # nothing is known about them
-        return 1.0
-
-
-def _wald_test(rich: Fit, plain: Fit) -> float:
-    names, values = rich.shared_parameters
-    known, _ = plain.shared_parameters
-    tested = [i for i, name in enumerate(names) if name not in known]
-    views = len(rich.sightings.images)
-    if views < len(tested) + _CLUSTERS_BEYOND_TERMS:
-        return 0.0
-    try:
-        covariance = view_robust_covariance(rich.adjustment.equations)[np.ix_(tested, tested)]
-        statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
-    except np.linalg.LinAlgError:  # nothing is known about them
-        return 1.0
-    return float(fdtrc(len(tested), views - len(tested), statistic)) if np.isfinite(statistic) else 1.0
-
-
 def supported(rich: Candidate, plain: Candidate, significance: float = _SIGNIFICANCE) -> bool:
     """Whether the data support a richer structure: the nested test must, and it must predict held-out views better.
 
@@ -142,11 +86,13 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     structure = best.structure
     additions = [_WARP] * search.board_warp + list(search.extras) + [_FREER] * search.lens
     while additions:
-        name, chance, richer = _most_promising({name: _with_addition(best.structure, name) for name in additions}, best)
-        kept = richer is not None and supported(richer, best)
-        reasons.append(_reason(name, richer, best, kept) if richer else _left_out(name, chance))
-        if not (richer and kept):
+        tests = {name: _tested(_with_addition(best.structure, name), best.fit) for name in additions}
+        name, richer = _most_promising(tests)
+        if richer is None or not supported(richer, best):
+            reasons += [_left_out(one, tests[one][0]) for one in additions if one != name]
+            reasons += [_reason(name, richer, best, False)] if richer else []
             break
+        reasons.append(_reason(name, richer, best, True))
         best = richer
         additions.remove(name)
     if search.skew and best.structure.skew:
@@ -175,19 +121,16 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     return Choice(fitted, chosen, tuple(reasons))
 
 
-def _most_promising(structures: dict[str, Structure], best: Candidate) -> tuple[str, float, Candidate | None]:
-    """Name and p-value of the addition that is tried next, and its candidate where the nested test supports it.
-
-    Of several that pass the test it is the one that predicts best, else the one that comes nearest.
-    """
-    tests = {name: _tested(structure, best.fit) for name, structure in structures.items()}
-    passed = {name: fit for name, (chance, fit) in tests.items() if fit and chance < _SIGNIFICANCE}
-    if not passed:
-        name = min(tests, key=lambda one: tests[one][0])
-        return name, tests[name][0], None
-    tried = {name: Candidate(fit, cross_validate(fit)) for name, fit in passed.items()}
-    name = min(tried, key=lambda one: tried[one].validation.mean_loss)
-    return name, tests[name][0], tried[name]
+def _most_promising(tests: dict[str, tuple[float, Fit | None]]) -> tuple[str, Candidate | None]:
+    """Of the additions that pass the nested test the one that predicts best; None where none passes."""
+    tried = {
+        name: Candidate(fit, cross_validate(fit))
+        for name, (chance, fit) in tests.items()
+        if fit and chance < _SIGNIFICANCE
+    }
+    if not tried:
+        return "", None
+    return min(tried.items(), key=lambda item: item[1].validation.mean_loss)
 
 
 def _tested(structure: Structure, plain: Fit) -> tuple[float, Fit | None]:

@@ -88,6 +88,20 @@ def test_a_lens_that_needs_more_terms_is_not_taken_for_a_pupil(shift) -> None:
         assert fixed.camera.lens == "kannala_brandt" and fixed.entrance_pupil_supported == (shift > 0)
 
 
+def test_a_family_is_not_passed_over_for_its_few_terms() -> None:
+    """E = a θ² exp(−(θ/1.5)⁶), in four even powers: two of them do worse than four odd ones."""
+    theta = np.linspace(0.0, np.radians(100), 200)[1:]
+    powers = theta[:, None] ** [2, 4, 6, 8]
+    wanted = -0.1 * theta**2 * np.exp(-((theta / 1.5) ** 6))
+    coefficients = 0.02 * np.linalg.lstsq(powers, wanted, rcond=None)[0]
+    camera = replace(paper_camera(), model="ep_even", coefficients=tuple(coefficients.tolist()))
+    result = calibrate(observe(camera, BOARD, paper_poses(BOARD, 1), 0.1, 1))
+    assert result.model == "ep_even" and len(result.camera.coefficients) == 4
+    angles = np.radians([30, 60, 80])
+    sigma = pupil_sigma(result.camera, result.uncertainty.covariance, angles)
+    assert (np.abs(result.camera.entrance_pupil(angles) - camera.entrance_pupil(angles)) < 3 * sigma).all()
+
+
 def test_verdict_and_choice_are_one() -> None:
     camera = replace(CAMERA, model="ep_even", coefficients=(-0.1e-3, 0.0))
     for seed in range(6):
