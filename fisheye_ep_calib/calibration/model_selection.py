@@ -80,21 +80,10 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     base: what the user has fixed; search: what is open. The additions are tried one by one on the model that predicts
     best, each kept where a nested test and cross-validation agree; then all models are compared with what was kept.
     """
-    reasons = []
     fitted = {model: candidate(start, _with_model(base, model, base.terms)) for model in PUPIL_FAMILIES}
     best = min(fitted.values(), key=lambda one: one.validation.mean_loss)
     structure = best.structure
-    additions = [_WARP] * search.board_warp + list(search.extras) + [_FREER] * search.lens
-    while additions:
-        tests = {name: _tested(_with_addition(best.structure, name), best.fit) for name in additions}
-        name, richer = _most_promising(tests)
-        if richer is None or not supported(richer, best):
-            reasons += [_left_out(one, tests[one][0]) for one in additions if one != name]
-            reasons += [_reason(name, richer, best, False)] if richer else []
-            break
-        reasons.append(_reason(name, richer, best, True))
-        best = richer
-        additions.remove(name)
+    best, reasons = _with_additions(best, [_WARP] * search.board_warp + list(search.extras) + [_FREER] * search.lens)
     if search.skew and best.structure.skew:
         without = candidate(best.fit, replace(best.structure, skew=False))
         kept = supported(best, without)
@@ -119,6 +108,22 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     if chosen.structure.model in grown:
         reasons += grown[chosen.structure.model][1]
     return Choice(fitted, chosen, tuple(reasons))
+
+
+def _with_additions(best: Candidate, additions: list[str]) -> tuple[Candidate, list[str]]:
+    """A candidate with what the data support of the additions, one after the other, and the steps in words."""
+    reasons = []
+    while additions:
+        tests = {name: _tested(_with_addition(best.structure, name), best.fit) for name in additions}
+        name, richer = _most_promising(tests)
+        if richer is None or not supported(richer, best):
+            reasons += [_left_out(one, tests[one][0]) for one in additions if one != name]
+            reasons += [_reason(name, richer, best, False)] if richer else []
+            break
+        reasons.append(_reason(name, richer, best, True))
+        best = richer
+        additions = [one for one in additions if one != name]
+    return best, reasons
 
 
 def _most_promising(tests: dict[str, tuple[float, Fit | None]]) -> tuple[str, Candidate | None]:
@@ -186,7 +191,10 @@ def with_needed_lens(candidates: dict[str, Candidate]) -> dict[str, Candidate]:
     best = min(candidates.values(), key=lambda one: one.validation.mean_loss)
     if best.structure.lens != LENS:
         return candidates
-    freer = candidate(best.fit, _with_addition(best.structure, _FREER))
+    _, fit = _tested(_with_addition(best.structure, _FREER), best.fit)
+    if fit is None:
+        return candidates
+    freer = Candidate(fit, cross_validate(fit))
     if not supported(freer, best):
         return candidates
     return {
