@@ -13,7 +13,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.adjustment import Adjustment, adjust, residuals, stepped
 from fisheye_ep_calib.calibration.fit import Fit, of_images, weighted_square
-from fisheye_ep_calib.calibration.normal_equations import solve_damped
+from fisheye_ep_calib.calibration.normal_equations import ALMOST_UNDAMPED, solve_damped
 
 FOLDS = 5
 _FAR_STEP = 0.02  # share of the cost: a larger step than this is followed by further ones
@@ -80,7 +80,7 @@ def _fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
     problem = replace(fit.problem, blocks=sightings.blocks)
     state = replace(fit.state, camera_from_target=poses)
     try:
-        step = solve_damped(equations, 1e-9)
+        step = solve_damped(equations, ALMOST_UNDAMPED)
     except np.linalg.LinAlgError:  # the other views alone leave something open
         return adjust(problem, state, tolerance=1e-6)
     trial = stepped(problem, state, step)

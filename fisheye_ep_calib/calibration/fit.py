@@ -24,7 +24,7 @@ from fisheye_ep_calib.calibration.levenberg_marquardt import CONVERGED
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.prediction import FeatureModel
 from fisheye_ep_calib.calibration.robust import LINEAR, Loss, robust_spread
-from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.calibration.structure import LENS, Structure
 from fisheye_ep_calib.calibration.views import ViewBlock, view_blocks
 from fisheye_ep_calib.errors import CalibrationError
 
@@ -189,7 +189,7 @@ def _count(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
 
 
-def first_fit(sightings: Sightings, lens: str = "kannala_brandt", robust: bool = False) -> Fit:
+def first_fit(sightings: Sightings, lens: str = LENS, robust: bool = False) -> Fit:
     """Steps (i) and (ii): a rough plain camera and poses with nothing known beforehand.
 
     robust: under a Cauchy loss whose scale follows the median residual, for sightings with gross errors.
@@ -252,7 +252,10 @@ def refine(
 def opened(
     start: Fit, structure: Structure, sightings: Sightings, loss: Loss | None = None
 ) -> tuple[AdjustmentProblem, AdjustmentState]:
-    """A structure's problem and where a fit of another leaves it: what both have in common, the rest zero."""
+    """A structure's problem and the state in which another's fit leaves it: what both share, the rest zero.
+
+    sightings: the start's, or some of its images. loss: defaults to the sightings'.
+    """
     state = start.state
     camera = structure.camera_like(state.camera)
     position = np.searchsorted(start.sightings.images, sightings.images)

@@ -7,11 +7,10 @@ from scipy.special import fdtrc  # the tail of F; scipy.stats would take half a 
 
 from fisheye_ep_calib.calibration.adjustment import evaluate
 from fisheye_ep_calib.calibration.fit import Fit, opened
-from fisheye_ep_calib.calibration.normal_equations import solve_damped, view_robust_covariance
+from fisheye_ep_calib.calibration.normal_equations import ALMOST_UNDAMPED, solve_damped, view_robust_covariance
 from fisheye_ep_calib.calibration.structure import Structure
 
 _CLUSTERS_BEYOND_TERMS = 5  # views beyond the number of tested parameters that the view-robust test needs
-_ALMOST_UNDAMPED = 1e-9
 
 
 def nested_test(rich: Fit, plain: Fit) -> float:
@@ -39,19 +38,21 @@ def _f_test(plain: Fit, gain: float, extra: int) -> float:
 def first_step_test(structure: Structure, plain: Fit) -> float:
     """As ``nested_test``, from what the first step of a richer structure's adjustment promises: Rao's score test.
 
-    It costs one evaluation where a fit takes several, and says as much where there is little to gain.
+    It costs one evaluation where a fit takes several, and says as much where there is little to gain (Rao, Math. Proc.
+    Cambridge Phil. Soc. 44, 1948).
     """
     extra = structure.parameter_count - plain.structure.parameter_count
-    equations = evaluate(*opened(plain, structure, plain.sightings))
     if extra <= 0 or plain.degrees_of_freedom <= extra:
         return 1.0
+    equations = evaluate(*opened(plain, structure, plain.sightings))
     try:
-        return _f_test(plain, solve_damped(equations, _ALMOST_UNDAMPED).predicted_decrease, extra)
+        return _f_test(plain, solve_damped(equations, ALMOST_UNDAMPED).predicted_decrease, extra)
     except np.linalg.LinAlgError:  # nothing is known about them
         return 1.0
 
 
 def _wald_test(rich: Fit, plain: Fit) -> float:
+    """p-value of the parameters that a plainer fit lacks, from the view-robust covariance; 0 with too few views."""
     names, values = rich.shared_parameters
     known, _ = plain.shared_parameters
     tested = [i for i, name in enumerate(names) if name not in known]

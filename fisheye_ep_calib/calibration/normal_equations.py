@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+ALMOST_UNDAMPED = 1e-9  # for a step that is not checked by a second one
 _BOUNDLESS = 1e30  # of a step, in radians, metres or pixels
 
 

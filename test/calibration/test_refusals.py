@@ -163,7 +163,11 @@ def test_hopeless_input_is_refused_and_poor_input_survives(observations, model) 
         ("pinhole", {}, "unknown model 'pinhole'; known: kannala"),
         ("ep_odd", {"terms": 5}, "ep_odd takes 1 to 4 terms, not 5"),
         ("gennery", {"terms": 0}, "gennery takes 1 to 3 terms"),
-        ("ep_odd", {"lens": "pinhole"}, "unknown lens 'pinhole'; known: kannala_brandt, kannala_brandt_6, double"),
+        (
+            "ep_odd",
+            {"lens": "pinhole"},
+            "unknown lens 'pinhole'; known: kannala_brandt, kannala_brandt_6, double_sphere",
+        ),
     ],
 )
 def test_unknown_wishes(observations, model, options, words) -> None:

@@ -33,7 +33,7 @@ class KannalaBrandt:
 
 
 def _horner(square: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """c1 + s (c2 + s (c3 + …))."""
+    """c1 + s (c2 + s (c3 + …)) of s = square, any shape S, and coefficients (n,); shape S."""
     *others, value = coefficients
     for coefficient in reversed(others):
         value = coefficient + square * value

@@ -12,7 +12,7 @@ _SERIES_BELOW = 0.05  # rad; the next series term there is below 1e-16
 
 
 def _excess(theta: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    """q = θ/sinθ − 1, by its series near the axis; of an array θ and its sine."""
+    """q = θ/sinθ − 1, by its series near the axis; of an array θ (rad, any shape S) and its sine, shape S."""
     with np.errstate(invalid="ignore", divide="ignore"):
         excess = np.asarray(theta / sine - 1)
     small = np.abs(theta) < _SERIES_BELOW
@@ -22,7 +22,7 @@ def _excess(theta: np.ndarray, sine: np.ndarray) -> np.ndarray:
 
 
 def _excess_slope(theta: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    """dq/dθ = (sinθ − θ cosθ)/sin²θ, likewise."""
+    """dq/dθ = (sinθ − θ cosθ)/sin²θ, by its series near the axis; shapes as in ``_excess``."""
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = np.asarray((sine - theta * np.cos(theta)) / (sine * sine))
     small = np.abs(theta) < _SERIES_BELOW
