@@ -22,7 +22,7 @@ from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.collection.workers import Job, failed_on, look
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
-from fisheye_ep_calib.target.detection import Detector
+from fisheye_ep_calib.target.base import Target
 
 PACKAGE = "fisheye_ep_calib[cluster]"
 _ADDRESS = re.compile(r"(tcp|tls|wss?|ucx|inproc)://\S+|[^\s/:]+:\d+$")
@@ -35,11 +35,11 @@ QUEUED_A_THREAD = 3
 class ClusterWorkers:
     """The workers of a Dask scheduler, for one recording and one target."""
 
-    def __init__(self, recording: Recording, detector: Detector, scheduler: str) -> None:
+    def __init__(self, recording: Recording, target: Target, scheduler: str) -> None:
         """Raises InputError where the cluster cannot be reached, or cannot read the recording."""
         self._recording = recording
         self._scheduler = scheduler
-        self._search = uuid.uuid4().hex, pickle.dumps((recording, detector))
+        self._search = uuid.uuid4().hex, pickle.dumps((recording, target))
         self._waiting: deque[Job] = deque()
         self._running: dict[Any, Job] = {}
         self._suspects: deque[Job] = deque()
@@ -223,6 +223,7 @@ def _look(search: str, payload: bytes, job: Job) -> FrameResult:
     if getattr(_mine, "search", None) != search:
         if hasattr(_mine, "recording"):
             _mine.recording.close()
-        _mine.recording, _mine.detector = pickle.loads(payload)
+        _mine.recording, target = pickle.loads(payload)
+        _mine.detector = target.detector()
         _mine.search = search
     return look(_mine.recording, _mine.detector, job)

@@ -56,7 +56,7 @@ class Collector:
         self._log_path = None if log is None else Path(log)
         self._resume = resume
         self._log: DetectionLog | None = None
-        self._workers = frame_pool(recording, target.detector(), workers, scheduler)
+        self._workers = frame_pool(recording, target, workers, scheduler)
 
     def __enter__(self) -> Collector:
         return self

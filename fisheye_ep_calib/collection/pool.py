@@ -8,7 +8,7 @@ from typing import Protocol
 from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.collection.workers import FrameWorkers, Job
 from fisheye_ep_calib.storage.recording import Recording
-from fisheye_ep_calib.target.detection import Detector
+from fisheye_ep_calib.target.base import Target
 
 
 class FramePool(Protocol):
@@ -24,10 +24,10 @@ class FramePool(Protocol):
         """Forget what waits, and let the workers go."""
 
 
-def frame_pool(recording: Recording, detector: Detector, workers: int, scheduler: str | None = None) -> FramePool:
+def frame_pool(recording: Recording, target: Target, workers: int, scheduler: str | None = None) -> FramePool:
     """``workers`` processes here (0: the calling process), or the workers of the Dask ``scheduler`` at an address."""
     if scheduler is None:
-        return FrameWorkers(recording, detector, workers)
+        return FrameWorkers(recording, target, workers)
     from fisheye_ep_calib.collection.cluster import ClusterWorkers
 
-    return ClusterWorkers(recording, detector, scheduler)
+    return ClusterWorkers(recording, target, scheduler)

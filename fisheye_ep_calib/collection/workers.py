@@ -23,6 +23,7 @@ import numpy as np
 from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
+from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.detection import Detection, Detector
 from fisheye_ep_calib.worker_processes import deaf_to_interrupts, inherited_by_workers, prepare_worker
 
@@ -42,11 +43,13 @@ class Job:
 class FrameWorkers:
     """Worker processes for one recording and one target; 0 of them looks in the calling process."""
 
-    def __init__(self, recording: Recording, detector: Detector, workers: int) -> None:
+    def __init__(self, recording: Recording, target: Target, workers: int) -> None:
+        """Raises InputError where this machine lacks what looking for the target needs."""
         if workers < 0:
             raise InputError(f"the number of workers must not be negative, but is {workers}")
         self._recording = recording
-        self._detector = detector
+        self._target = target
+        self._detector = target.detector()
         self._workers = workers
         self._pool: ProcessPoolExecutor | None = None
         self._search: IO[bytes] | None = None
@@ -142,10 +145,10 @@ class FrameWorkers:
             return self._pool.submit(_look, job)
 
     def _search_file(self) -> str:
-        """Recording and detector, for the workers: as arguments they would keep the next one waiting for this one."""
+        """Recording and target, for the workers: as arguments they would keep the next one waiting for this one."""
         if self._search is None:
             self._search = tempfile.NamedTemporaryFile(prefix="fisheye_ep_calib_")
-            pickle.dump((self._recording, self._detector), self._search)
+            pickle.dump((self._recording, self._target), self._search)
             self._search.flush()
         return self._search.name
 
@@ -197,7 +200,8 @@ def _initialize(search_file: str) -> None:
     global _process
     prepare_worker()
     with open(search_file, "rb") as file:
-        _process = pickle.load(file)
+        recording, target = pickle.load(file)
+    _process = recording, target.detector()
 
 
 def _look(job: Job) -> FrameResult:

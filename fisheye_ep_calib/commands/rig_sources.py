@@ -134,7 +134,7 @@ def _look(recording: Recording, target: Target, topics: list[str], moments: np.n
     """For each camera the images looked at, by number: half of them evenly spread, half where two saw the target."""
     found: list[dict[int, FrameResult]] = [{} for _ in topics]
     workers = usable_cores() if arguments.workers is None else arguments.workers
-    frames = FrameWorkers(recording, target.detector(), 0 if workers == 1 else workers)
+    frames = FrameWorkers(recording, target, 0 if workers == 1 else workers)
     looked: set[int] = set()
     expected = min(arguments.max_moments, len(moments)) * len(topics)
     try:

@@ -117,24 +117,23 @@ def test_a_cluster_that_loses_all_its_workers_ends_the_search(tmp_path, monkeypa
 def test_what_is_no_cluster_is_refused_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "CONNECT_SECONDS", 1)
     with open_recording(write_folder(tmp_path / "front", [picture()])) as recording:
-        detector = TARGET.detector()
         for address in ("tcp://127.0.0.1:9", "nonsense", "", "udp://here:1", "tcp://nowhere.invalid:8786"):
             with pytest.raises(InputError, match=r"no Dask .*'dask scheduler'|no address such as") as told:
-                ClusterWorkers(recording, detector, address)
+                ClusterWorkers(recording, TARGET, address)
             assert "\n" not in str(told.value)
         with scheduler(tmp_path) as address, pytest.raises(InputError, match="has no workers; start some"):
-            ClusterWorkers(recording, detector, address)
+            ClusterWorkers(recording, TARGET, address)
 
 
 def test_a_recording_that_workers_cannot_see_is_refused(two_workers, tmp_path):
     with open_recording(write_folder(tmp_path / "front", [picture()])) as recording:
         (tmp_path / "front").rename(tmp_path / "moved")
         with pytest.raises(InputError, match="has no .*/front: every worker must see the recording at the same path"):
-            ClusterWorkers(recording, TARGET.detector(), two_workers)
+            ClusterWorkers(recording, TARGET, two_workers)
 
 
 def test_without_the_package_it_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with open_recording(write_folder(tmp_path / "front", [picture()])) as recording:
         with pytest.raises(InputError, match=r"pip install 'fisheye_ep_calib\[cluster\]'"):
-            ClusterWorkers(recording, TARGET.detector(), "tcp://127.0.0.1:8786")
+            ClusterWorkers(recording, TARGET, "tcp://127.0.0.1:8786")

@@ -98,7 +98,7 @@ def test_an_image_that_kills_its_worker_costs_only_itself(tmp_path):
 def test_workers_that_die_while_idle_cost_nothing(tmp_path):
     folder = write_folder(tmp_path / "front", [picture(x=i) for i in range(4)])
     with open_recording(folder) as recording:
-        workers = FrameWorkers(recording, TARGET.detector(), 1)
+        workers = FrameWorkers(recording, TARGET, 1)
         try:
             workers.add([Job("front", 0)])
             assert workers.next_result().index == 0
@@ -205,7 +205,7 @@ def test_ctrl_c_in_a_terminal_ends_workers_without_a_traceback(tmp_path, found_b
 def test_a_second_ctrl_c_does_not_break_off_the_clean_up(tmp_path, monkeypatch):
     folder = write_folder(tmp_path / "front", [picture(SLOW, x=i) for i in range(100)])
     with open_recording(folder) as recording:
-        workers = FrameWorkers(recording, TARGET.detector(), 2)
+        workers = FrameWorkers(recording, TARGET, 2)
         workers.add([Job("front", index) for index in range(100)])
         workers.next_result()
         ended = workers._end_pool
