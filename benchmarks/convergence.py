@@ -126,9 +126,7 @@ def run(task: tuple[int, float, float]) -> Outcome:
         return Outcome(seed, theta_max_deg, wrong, count, np.inf, 0.0, 0, 0, str(error))
     used = np.isin(observations.image_index, result.view_images)
     cut = {(one.view, one.point) for one in result.rejected}
-    rejected = np.array(
-        [pair in cut for pair in zip(observations.image_index, observations.point_index, strict=True)]
-    )
+    rejected = np.array([pair in cut for pair in zip(observations.image_index, observations.point_index, strict=True)])
     far = np.hypot(*(pixels - scene.clean.pixels).T) > 6 * scene.noise
     return Outcome(
         seed,

@@ -8,14 +8,10 @@ from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    default_parameters = PathJoinSubstitution(
-        [FindPackageShare("fisheye_ep_calib"), "config", "calibrator.yaml"]
-    )
+    default_parameters = PathJoinSubstitution([FindPackageShare("fisheye_ep_calib"), "config", "calibrator.yaml"])
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "parameters", default_value=default_parameters, description="parameter file (YAML)"
-            ),
+            DeclareLaunchArgument("parameters", default_value=default_parameters, description="parameter file (YAML)"),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of the node"),
             DeclareLaunchArgument("name", default_value="calibrator", description="name of the node"),
             DeclareLaunchArgument(

@@ -13,9 +13,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument("camera_file", description="camera file (YAML) of the camera that sends the images"),
-            DeclareLaunchArgument(
-                "topic", default_value="image_raw", description="image topic, without /compressed"
-            ),
+            DeclareLaunchArgument("topic", default_value="image_raw", description="image topic, without /compressed"),
             DeclareLaunchArgument(
                 "distance", default_value="0.0", description="metres at which the image is right; 0: infinity"
             ),

@@ -93,9 +93,7 @@ def evaluate_camera(
     )
 
 
-def _close_ups_refitted(
-    problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings
-) -> AdjustmentState:
+def _close_ups_refitted(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings) -> AdjustmentState:
     """Poses in which views far off their points are refitted: rays do not meet in one point, least of all close up."""
     off = np.flatnonzero(_median_error(problem, state, sightings) > _FAR_OFF * max(sightings.observations.image_size))
     if len(off) == 0:

@@ -106,7 +106,6 @@ class Fit:
         """Predicted minus measured pixels (M, 2), incidence angles (M,) rad, validity (M,), by observation row."""
         return residuals(self.problem, self.state, len(self.sightings.observations.pixels))
 
-
     @property
     def used(self) -> np.ndarray:
         """Which observation rows (M,) the fit rests on."""

@@ -81,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def image_size(text: str) -> tuple[int, int]:
-    """"1280x720" as (1280, 720)."""
+    """ "1280x720" as (1280, 720)."""
     if not re.fullmatch(r"\d{1,6}[x×]\d{1,6}", text):
         raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, such as 1280x720")
     width, height = re.split("[x×]", text)

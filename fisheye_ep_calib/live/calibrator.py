@@ -202,9 +202,7 @@ class LiveCalibrator:
     def _task_failed(self, text: str) -> None:
         self._announcer.warn_once("pool", f"this should not happen: {text}")
 
-    def _searched(
-        self, session: CameraSession, sighting: Sighting | None, error: CalibrationError | None
-    ) -> None:
+    def _searched(self, session: CameraSession, sighting: Sighting | None, error: CalibrationError | None) -> None:
         name = session.name
         if sighting is None:
             session.count(unreadable=1)

@@ -55,9 +55,7 @@ class Status:
         }
 
 
-def camera_status(
-    session: CameraSession, reception: Reception, warnings: list[str], tuning: Tuning
-) -> Status:
+def camera_status(session: CameraSession, reception: Reception, warnings: list[str], tuning: Tuning) -> Status:
     """Status of one camera. warnings: texts that stand."""
     counters, views, outcome = session.counters, len(session.views), session.outcome
     values: dict[str, Any] = {

@@ -27,6 +27,7 @@ class Task:
     done: Callable[[Any, CalibrationError | None], None]
     stamp_ns: int | None = None
 
+
 _LONGEST_END = 1.0  # seconds for a thread of the pool to end
 
 

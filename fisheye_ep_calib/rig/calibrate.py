@@ -183,9 +183,7 @@ def _without_wrong_views(assembly: Assembly, problem: RigProblem, state: RigStat
                 wrong.append((camera, int(moments[row, camera])))
                 moments[row, camera] = -1
     kept = (moments >= 0).sum(axis=1) >= least
-    assembly = replace(
-        assembly, moments=moments[kept], reference_from_target=assembly.reference_from_target[kept]
-    )
+    assembly = replace(assembly, moments=moments[kept], reference_from_target=assembly.reference_from_target[kept])
     state = replace(state, reference_from_target=state.reference_from_target[kept])
     for camera in range(moments.shape[1]):
         if not (assembly.moments[:, camera] >= 0).any():

@@ -26,9 +26,7 @@ def pose_covariance(
     ]
     opened = replace(
         problem,
-        views=tuple(
-            replace(view, free=view.free | fixed) for view, fixed in zip(problem.views, known, strict=True)
-        ),
+        views=tuple(replace(view, free=view.free | fixed) for view, fixed in zip(problem.views, known, strict=True)),
     )
     information = reduced_information(evaluate_rig(opened, state))
     fixed_columns, covariances = [], []

@@ -41,9 +41,7 @@ class DriverCommit:
                 f"{name}: nobody serves {self._service}: start the driver, or set the parameter "
                 f"{name}.set_camera_info, and call ~/commit again",
             )
-        future = self._client.call_async(
-            SetCameraInfo.Request(camera_info=camera_info_message(outcome.info))
-        )
+        future = self._client.call_async(SetCameraInfo.Request(camera_info=camera_info_message(outcome.info)))
         if not self._wait(future.done, time.monotonic() + PATIENCE):
             self._client.remove_pending_request(future)
             return Answer(False, f"{name}: {self._service} did not answer in {PATIENCE:.0f} s")

@@ -22,9 +22,7 @@ QUEUE_DEPTH = 10  # large reliable images are lost with less; they are taken out
 class ImageIntake:
     """Subscribes once a publisher is there, and anew when what it offers changes."""
 
-    def __init__(
-        self, node: Node, topic: str, compressed: bool, on_image: Callable[[Any], None]
-    ) -> None:
+    def __init__(self, node: Node, topic: str, compressed: bool, on_image: Callable[[Any], None]) -> None:
         """on_image: called with each message; must return at once."""
         self._node = node
         self._topic = topic

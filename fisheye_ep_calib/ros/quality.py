@@ -3,9 +3,7 @@
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 # Whoever subscribes later still gets the last message.
-LATCHED = QoSProfile(
-    depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
-)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
 
 # One message an image, each kept until it is on its way: with a depth of one, a busy sender loses some to the next.
 LATCHED_STREAM = QoSProfile(

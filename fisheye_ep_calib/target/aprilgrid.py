@@ -49,9 +49,7 @@ class AprilGrid(Target):
         columns, rows = _tags(keys, "tagCols", "tagRows")
         tag_size, ratio = keys.metres("tagSize"), keys.positive("tagSpacing")
         if not 0.05 <= ratio <= 1:
-            raise keys.fail(
-                "tagSpacing", f"is the gap as a share of the tag, between 0.05 and 1, not {ratio:g}"
-            )
+            raise keys.fail("tagSpacing", f"is the gap as a share of the tag, between 0.05 and 1, not {ratio:g}")
         return AprilGrid.create(name, columns, rows, tag_size, ratio * tag_size)
 
     @staticmethod

@@ -71,9 +71,7 @@ def _ellipses(mask: np.ndarray, holes: bool) -> Blobs:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
     width, height = stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]
     area = stats[:, cv2.CC_STAT_AREA]
-    sized = (
-        (area >= 9) & (np.minimum(width, height) >= 3) & (np.maximum(width, height) < 0.4 * max(mask.shape))
-    )
+    sized = (area >= 9) & (np.minimum(width, height) >= 3) & (np.maximum(width, height) < 0.4 * max(mask.shape))
     # A bounding box is fullest around an upright ellipse (π/4), emptiest around a slanted thin one.
     sized &= (area > 0.28 * width * height) & (area < 0.95 * width * height + 4)
     sized[0] = False

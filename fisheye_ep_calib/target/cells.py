@@ -42,8 +42,7 @@ def local_axes(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def local_bend(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Second derivatives (k, 2, 3) of the pixel by lattice step, for xx, xy and yy; 0 where neighbours lack.
-    """
+    """Second derivatives (k, 2, 3) of the pixel by lattice step, for xx, xy and yy; 0 where neighbours lack."""
     beside = neighbours(cells)
 
     def step(index: np.ndarray, direction: int) -> np.ndarray:
@@ -122,9 +121,7 @@ def is_regular(cells: np.ndarray, pixels: np.ndarray) -> bool:
     return squares >= max(2, 0.2 * len(cells)) and bent < MOST_BEND
 
 
-def extrapolate(
-    cells: np.ndarray, pixels: np.ndarray, ahead: int = 1
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def extrapolate(cells: np.ndarray, pixels: np.ndarray, ahead: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Free sites ``ahead`` steps from a patch: (m, 2) int, where they should lie (m, 2), and the pitch there
     (m,).
 

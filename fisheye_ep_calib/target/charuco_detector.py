@@ -48,9 +48,7 @@ class CharucoDetector:
         start, jacobian, known = corners_by_markers(
             self.marker_points[markers.identity], markers.corners, self.points, reach * self.target.spacing
         )
-        pixels, found = complete_corners(
-            image, self.points, start, jacobian, known, self.around, self.target.spacing
-        )
+        pixels, found = complete_corners(image, self.points, start, jacobian, known, self.around, self.target.spacing)
         return finish(image, self.points, pixels, found, start[known & ~found], "corners")
 
     def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:

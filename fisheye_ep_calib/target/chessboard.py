@@ -36,14 +36,10 @@ class Chessboard(Target):
     def from_kalibr(keys: Keys, name: str) -> Chessboard:
         keys.only(("target_type", "targetCols", "targetRows", "rowSpacingMeters", "colSpacingMeters"))
         columns, rows = keys.count("targetCols", 2), keys.count("targetRows", 2)
-        return Chessboard.create(
-            name, columns, rows, keys.metres("colSpacingMeters"), keys.metres("rowSpacingMeters")
-        )
+        return Chessboard.create(name, columns, rows, keys.metres("colSpacingMeters"), keys.metres("rowSpacingMeters"))
 
     @staticmethod
-    def create(
-        name: str, columns: int, rows: int, spacing: float, row_spacing: float | None = None
-    ) -> Chessboard:
+    def create(name: str, columns: int, rows: int, spacing: float, row_spacing: float | None = None) -> Chessboard:
         """Inner corners and square size in metres."""
         row_spacing = spacing if row_spacing is None else row_spacing
         points = rectangular_grid(columns, rows, spacing, row_spacing)

@@ -37,16 +37,14 @@ def _calib_targets():
         import calib_targets
     except ImportError:
         logger.warning(
-            "calib-targets is not installed: only chessboards wholly in view can be found"
-            " (pip install calib-targets)"
+            "calib-targets is not installed: only chessboards wholly in view can be found (pip install calib-targets)"
         )
         return None
     return calib_targets
 
 
 class ChessboardDetector:
-    """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined, completed, then labelled.
-    """
+    """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined, completed, then labelled."""
 
     def __init__(self, target) -> None:
         self.target = target
@@ -177,8 +175,7 @@ def _colour_fits(placement: Placement, parity: int) -> float:
 
 
 def _is_plain(image: np.ndarray, sites: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Whether the image shows no black at each site (m, 2) within 0.3 of the pitch (m,): board, no occluder.
-    """
+    """Whether the image shows no black at each site (m, 2) within 0.3 of the pitch (m,): board, no occluder."""
     height, width = image.shape
     offset = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 0]])
     places = np.rint(sites[:, None] + 0.3 * scale[:, None, None] * offset).astype(int)

@@ -37,9 +37,7 @@ class CircleGrid(Target):
 
     @staticmethod
     def from_keys(keys: Keys, name: str) -> CircleGrid:
-        keys.only(
-            ("type", "name", "columns", "rows", "spacing", "radius", "asymmetric", "holed", "hole_radius")
-        )
+        keys.only(("type", "name", "columns", "rows", "spacing", "radius", "asymmetric", "holed", "hole_radius"))
         columns, rows = keys.count("columns", 2), keys.count("rows", 2)
         spacing, radius = keys.metres("spacing"), keys.metres("radius")
         asymmetric = keys.flag("asymmetric")

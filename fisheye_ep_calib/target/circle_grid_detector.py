@@ -117,9 +117,7 @@ class CircleGridDetector:
         chosen = blobs[lattice.blob]
         hole = np.full(len(chosen), self.hole_ratio)
         found = measure_discs(image, chosen.center, chosen.shape, self.gap_ratio, hole)
-        cells, found = complete_discs(
-            image, lattice.cell, found, self.gap_ratio, self.hole_ratio, self.longest
-        )
+        cells, found = complete_discs(image, lattice.cell, found, self.gap_ratio, self.hole_ratio, self.longest)
         good = found.good.copy()
         if good.any():
             good[good] = fits_neighbours(cells[good], found.center[good], found.shape[good])
@@ -127,9 +125,7 @@ class CircleGridDetector:
             return _Found(detection=Detection(rejected=blobs.center))
         marks = None
         if self.target.holed:
-            marks = hole_evidence(
-                image, cells, found, self.hole_ratio, self.target.lattice[list(self.target.holed)]
-            )
+            marks = hole_evidence(image, cells, found, self.hole_ratio, self.target.lattice[list(self.target.holed)])
         labels = label_patch(
             cells,
             found.center,

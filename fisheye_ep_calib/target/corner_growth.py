@@ -34,8 +34,7 @@ def colour_parity(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray) -> i
 def grow_corners(
     image: np.ndarray, cells: np.ndarray, pixels: np.ndarray, parity: int, longest: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The patch with every corner that can be reached from it; longest: the target's longer side, in corners.
-    """
+    """The patch with every corner that can be reached from it; longest: the target's longer side, in corners."""
     refused: set[tuple[int, int]] = set()
     ahead = 1
     for _ in range(MOST_ROUNDS):

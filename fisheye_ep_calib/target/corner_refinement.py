@@ -31,9 +31,7 @@ def refine_corners(image: np.ndarray, pixels: np.ndarray, reach: np.ndarray) -> 
         window = int(min(WINDOWS[number], (min(height, width) - 6) // 2))
         if window < 1:
             continue
-        moved = cv2.cornerSubPix(
-            image, np.ascontiguousarray(refined[chosen]), (window, window), (-1, -1), CRITERIA
-        )
+        moved = cv2.cornerSubPix(image, np.ascontiguousarray(refined[chosen]), (window, window), (-1, -1), CRITERIA)
         refined[chosen] = moved.reshape(-1, 1, 2)
     result = refined.reshape(-1, 2).astype(float)
     shift = np.hypot(*(result - pixels).T)
@@ -48,9 +46,7 @@ def reach_of(axes: np.ndarray) -> np.ndarray:
     return np.abs(np.linalg.det(axes)) / np.maximum(longest, 1e-9)
 
 
-def looks_like_corner(
-    image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, bright: np.ndarray
-) -> np.ndarray:
+def looks_like_corner(image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, bright: np.ndarray) -> np.ndarray:
     """Whether each pixel (k, 2) is surrounded by four quadrants of the right colours, each even in itself
     (k,).
 

@@ -44,8 +44,7 @@ def measure_levels(
     hole: np.ndarray,
     ratio: float,
 ) -> Levels:
-    """The board's brightness as a plane through a ring around each disc, other discs and occluders cut off.
-    """
+    """The board's brightness as a plane through a ring around each disc, other discs and occluders cut off."""
     band = 2.0 * blur + 0.7
     # Near the edge, where the ground counts, but wide enough for a small disc.
     reach = 1 + np.maximum(0.15, (band + RING_WIDTH) / np.maximum(minor_axis(shape), 1))

@@ -95,9 +95,7 @@ def measure_discs(
         if len(chosen) == 0:
             break
         last = number == ROUNDS - 1
-        rows = _measure_once(
-            image, state[chosen], hole[chosen], ratio, adapt=not (keep_shape or last), final=last
-        )
+        rows = _measure_once(image, state[chosen], hole[chosen], ratio, adapt=not (keep_shape or last), final=last)
         state = state.with_rows(chosen, rows)
     return state
 
@@ -108,9 +106,7 @@ def _plausible(image: np.ndarray, state: Measurement) -> np.ndarray:
     finite = np.isfinite(center).all(axis=1) & np.isfinite(shape).all(axis=(1, 2))
     reach = half_box(shape) + 1.0
     height, width = image.shape
-    inside = (center - reach >= -0.5).all(axis=1) & (center + reach <= [width - 0.5, height - 0.5]).all(
-        axis=1
-    )
+    inside = (center - reach >= -0.5).all(axis=1) & (center + reach <= [width - 0.5, height - 0.5]).all(axis=1)
     sized = (minor_axis(shape) > 1.0) & (reach.max(axis=1) < 0.5 * max(height, width))
     return finite & inside & sized
 
@@ -145,9 +141,7 @@ def _measure_once(
     good &= (area_ratio > 0.6) & (area_ratio < 1.6) & (np.hypot(*move.T) < np.maximum(minor_axis(shape), 1.0))
     if final:
         good &= (area_ratio > 0.8) & (area_ratio < 1.25)
-        good &= _seen_whole(
-            patches, ellipse, shape, weight, inner, own, state.blur, relative_noise, hole, band
-        )
+        good &= _seen_whole(patches, ellipse, shape, weight, inner, own, state.blur, relative_noise, hole, band)
     new_shape = _ellipse_of_mass(patches, mass, move, area, shape) if adapt else shape
     blur = _edge_blur(patches, weight, edge, relative_noise, shape)
     center = state.center + np.where(good[:, None], move, 0)
@@ -201,9 +195,7 @@ def _seen_whole(
     near = ~inner & (ellipse.distance < band[owner])
     expected[near] = ndtr(-ellipse.distance[near] / np.maximum(blur, 0.3).astype(np.float32)[owner[near]])
     rest = weight - expected
-    turn = (
-        np.arctan2(ellipse.gradient_y, ellipse.gradient_x) * np.float32(SECTORS / (2 * np.pi)) + SECTORS / 2
-    )
+    turn = np.arctan2(ellipse.gradient_y, ellipse.gradient_x) * np.float32(SECTORS / (2 * np.pi)) + SECTORS / 2
     key = owner * SECTORS + np.minimum(turn.astype(np.int32), SECTORS - 1)
     dim = np.where(hole > 0, hole + 0.15, 0.3)[owner]
     excess = np.maximum(major_axis(shape) - LARGE, 0)

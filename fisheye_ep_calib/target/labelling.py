@@ -98,9 +98,7 @@ def label_patch(
             continue
         contradictions = int((_look_up(table, placement(plain) - low) >= 0).sum())
         first = identity - (0 if least is None else contradictions)
-        ranked.append(
-            ((first, identity, count, -contradictions, _rightward(cells, pixels, placement)), placement)
-        )
+        ranked.append(((first, identity, count, -contradictions, _rightward(cells, pixels, placement)), placement))
     if not ranked:
         return unknown
     ranked.sort(key=lambda entry: entry[0], reverse=True)
@@ -125,9 +123,7 @@ def _look_up(table: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return np.where(inside, table[tuple(clipped.T)], -1)
 
 
-def _overlaps(
-    cells: np.ndarray, mask: np.ndarray, low: np.ndarray, slack: int
-) -> tuple[list[Placement], list[int]]:
+def _overlaps(cells: np.ndarray, mask: np.ndarray, low: np.ndarray, slack: int) -> tuple[list[Placement], list[int]]:
     """For every rotation the shifts that put the most of the patch's cells, less ``slack``, on the target; how many."""
     placements, counts = [], []
     for rotation in ROTATIONS:

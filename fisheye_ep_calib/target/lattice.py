@@ -164,9 +164,7 @@ def _grow(seed: int, center: np.ndarray, edges: _Edges, free: np.ndarray) -> dic
                 continue
             direction, rest = _snap(float(edges.angle[edge]) - frame[blob])
             if abs(rest) < 0.5:
-                heapq.heappush(
-                    queue, (float(edges.cost[edge]) + 0.4 * abs(rest), blob, other, direction, rest)
-                )
+                heapq.heappush(queue, (float(edges.cost[edge]) + 0.4 * abs(rest), blob, other, direction, rest))
 
     offer(seed)
     while queue:

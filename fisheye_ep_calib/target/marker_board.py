@@ -1,5 +1,4 @@
-"""Corners of a board of markers: rough places from the markers, measured, completed from what was measured.
-"""
+"""Corners of a board of markers: rough places from the markers, measured, completed from what was measured."""
 
 from __future__ import annotations
 

@@ -77,9 +77,7 @@ def _run(finder, image: np.ndarray, factor: int) -> tuple[np.ndarray, np.ndarray
     small = image
     if factor > 1:
         height, width = image.shape[0] // factor, image.shape[1] // factor
-        small = cv2.resize(
-            image[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA
-        )
+        small = cv2.resize(image[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA)
     corners, identity, rejected = finder.detectMarkers(small)
     if identity is None or len(corners) == 0:
         identity, corners = np.empty(0, dtype=int), np.empty((0, 4, 2))

@@ -1,5 +1,4 @@
-"""The pixels around many places at once: flat arrays, one place's pixels after another's, sums over segments.
-"""
+"""The pixels around many places at once: flat arrays, one place's pixels after another's, sums over segments."""
 
 from __future__ import annotations
 
@@ -25,9 +24,7 @@ class PixelPatches:
     start: np.ndarray
 
     @staticmethod
-    def cut(
-        image: np.ndarray, center: np.ndarray, half: np.ndarray, stride: np.ndarray | int = 1
-    ) -> PixelPatches:
+    def cut(image: np.ndarray, center: np.ndarray, half: np.ndarray, stride: np.ndarray | int = 1) -> PixelPatches:
         """Rectangles around center (d, 2), half (d, 2) their half sides in pixels; each holds at least a
         pixel.
 
@@ -102,9 +99,7 @@ class PixelPatches:
         return found
 
 
-def fit_planes(
-    patches: PixelPatches, weight: np.ndarray, information: np.ndarray, moment: np.ndarray
-) -> np.ndarray:
+def fit_planes(patches: PixelPatches, weight: np.ndarray, information: np.ndarray, moment: np.ndarray) -> np.ndarray:
     """Weighted least-squares planes (d, 3): value at the centre, slopes along x and y.
 
     information (d, 2, 2), pixels²: normal matrix N of what is known of the slopes g besides; moment (d, 2): N g.
@@ -123,7 +118,5 @@ def fit_planes(
         ],
         axis=-1,
     )
-    left = np.stack(
-        [np.stack([total + 1e-6, sx, sy], -1), np.stack([sx, xx, xy], -1), np.stack([sy, xy, yy], -1)], -2
-    )
+    left = np.stack([np.stack([total + 1e-6, sx, sy], -1), np.stack([sx, xx, xy], -1), np.stack([sy, xy, yy], -1)], -2)
     return np.linalg.solve(left, right[..., None])[..., 0]

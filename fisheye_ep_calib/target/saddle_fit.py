@@ -119,9 +119,7 @@ def _fit(image, pixels, axes, bend, reach, depth, end, half: int) -> SaddleFit:
     for _ in range(ROUNDS):
         weight = _weights(s, t, reach, depth, end, sigma)
         places = (center[:, :, None] + offset).astype(np.float32)
-        values = cv2.remap(
-            image, places[:, 0], places[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+        values = cv2.remap(image, places[:, 0], places[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         skewed_x, skewed_y = x + tilt[:, :1] * y, y + tilt[:, 1:] * x
         picture, moved = _picture(skewed_x, skewed_y, x, y, sigma)
         spread = sigma[:, None, None] ** 2 / reach[..., None] * -np.einsum("kij,jkn->kin", normals, moved[:2])
@@ -149,9 +147,7 @@ def _fit(image, pixels, axes, bend, reach, depth, end, half: int) -> SaddleFit:
         step = np.hypot(*shift.T)
         tilt = np.clip(tilt + np.clip(change[:, 2:4], -0.1, 0.1), -0.3, 0.3)
         sigma = np.clip(sigma + np.clip(change[:, 4], -0.4, 0.4), 0.4, 0.5 * half + 0.5)
-    return SaddleFit(
-        center, contrast, residual, (step < 0.05) & (np.hypot(*(center - pixels).T) < 0.5 * half + 1)
-    )
+    return SaddleFit(center, contrast, residual, (step < 0.05) & (np.hypot(*(center - pixels).T) < 0.5 * half + 1))
 
 
 def _between_normals(axes: np.ndarray) -> np.ndarray:

@@ -78,16 +78,12 @@ def dense_system(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     weights = np.where(np.isin(observations.image_index, fit.sightings.images), observations.weights, 0.0)
 
     def residual(step: np.ndarray) -> np.ndarray:
-        moved = stepped(
-            fit.problem, fit.state, Step(step[: 6 * views].reshape(views, 6), step[6 * views :], 0.0)
-        )
+        moved = stepped(fit.problem, fit.state, Step(step[: 6 * views].reshape(views, 6), step[6 * views :], 0.0))
         error, _, _ = residuals(fit.problem, moved, len(observations.pixels))
         return np.where(weights[:, None] > 0, error * weights[:, None], 0.0)
 
     names, _ = fit.shared_parameters
-    scale = [
-        1e-2 if name in ("fx", "fy", "cx", "cy") else 1e-7 if name[0] in "ew" else 1e-5 for name in names
-    ]
+    scale = [1e-2 if name in ("fx", "fy", "cx", "cy") else 1e-7 if name[0] in "ew" else 1e-5 for name in names]
     steps = np.concatenate([np.full(6 * views, 1e-6), scale])
     columns = []
     for unit, step in zip(np.eye(6 * views + size), steps, strict=True):
@@ -130,9 +126,7 @@ def test_normal_equations_step_and_information_are_those_of_the_dense_problem(na
         predicted = -(own_gradient @ both + 0.5 * both @ found @ both)
         assert step.predicted_decrease == pytest.approx(predicted, rel=1e-4)
 
-    inverse = (
-        np.linalg.inv(found / scale / scale[:, None])[shared, shared] / scale[shared] / scale[shared, None]
-    )
+    inverse = np.linalg.inv(found / scale / scale[:, None])[shared, shared] / scale[shared] / scale[shared, None]
     information = reduced_information(equations)
     unit = np.sqrt(np.diag(information))
     assert np.abs(information @ inverse * unit[:, None] ** -1 * unit - np.eye(size)).max() < 1e-4
@@ -168,9 +162,7 @@ def test_the_minimum_is_scipys() -> None:
 
     def error(values):
         values = values * scale
-        camera = replace(
-            result.camera.with_parameters(result.camera.parameters + values[:count]), theta_max=np.pi
-        )
+        camera = replace(result.camera.with_parameters(result.camera.parameters + values[:count]), theta_max=np.pi)
         poses = moved_poses(result.camera_from_target, values[count:].reshape(6, 6))
         in_camera = np.einsum("nij,nj->ni", poses[view, :3, :3], points) + poses[view, :3, 3]
         return (camera.project(in_camera)[0] - observations.pixels).ravel()
@@ -211,9 +203,7 @@ def test_robust_losses_are_their_formulas() -> None:
     square = np.geomspace(1e-6, 1e4, 200)
     for loss in (LINEAR, Loss("huber", 0.7), Loss("cauchy", 0.7)):
         value, factor = loss.evaluate(square)
-        slope = (loss.evaluate(square * (1 + 1e-6))[0] - loss.evaluate(square * (1 - 1e-6))[0]) / (
-            2e-6 * square
-        )
+        slope = (loss.evaluate(square * (1 + 1e-6))[0] - loss.evaluate(square * (1 - 1e-6))[0]) / (2e-6 * square)
         assert np.allclose(factor**2, slope, rtol=1e-4)
         assert np.all(np.diff(value) > 0) and value[0] == pytest.approx(square[0], rel=1e-5)
     assert Loss("huber", 0.5).evaluate(np.array([4.0]))[0] == pytest.approx(2 * 0.5 * 2 - 0.25)

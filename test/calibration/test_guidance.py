@@ -36,9 +36,7 @@ def views_needed(seed: int, most: int = 15) -> int:
         fit = fitted(np.array(poses), seed, "ep_odd" if len(poses) >= 6 else "ep_even")
         if len(poses) >= 6 and pupil_band(fit) <= goal:
             return len(poses)
-        suggestion = next_view(
-            fit.state.camera, TARGET.object_points, fit.state.camera_from_target, (0.10, 0.13, 0.15)
-        )
+        suggestion = next_view(fit.state.camera, TARGET.object_points, fit.state.camera_from_target, (0.10, 0.13, 0.15))
         poses.append(suggestion.camera_from_target)
     return most
 

@@ -77,9 +77,7 @@ def test_two_wrong_views_and_scattered_errors_together(observations) -> None:
     assert result.wrong_views == (3, 17)
     named = {(point.view, point.point) for point in result.rejected if point.view not in (3, 17)}
     wrong &= ~np.isin(observations.image_index, (3, 17))
-    truth = set(
-        zip(observations.image_index[wrong].tolist(), observations.point_index[wrong].tolist(), strict=True)
-    )
+    truth = set(zip(observations.image_index[wrong].tolist(), observations.point_index[wrong].tolist(), strict=True))
     assert named >= truth and len(named) <= len(truth) + 1
     assert result.camera.fx == pytest.approx(CAMERA.fx, rel=2e-3)
 

@@ -45,9 +45,7 @@ def test_a_tenth_of_gross_errors_is_named_and_harmless(seed, edge) -> None:
     result = calibrate(observations, "ep_even")
     assert_recovered(result, camera)
     rejected = {(point.view, point.point) for point in result.rejected}
-    truth = set(
-        zip(observations.image_index[wrong].tolist(), observations.point_index[wrong].tolist(), strict=True)
-    )
+    truth = set(zip(observations.image_index[wrong].tolist(), observations.point_index[wrong].tolist(), strict=True))
     assert rejected >= truth and len(rejected) <= len(truth) + 1
     assert result.points == len(observations.pixels) - len(rejected)
     assert result.wrong_views == ()

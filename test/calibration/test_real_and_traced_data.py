@@ -24,9 +24,7 @@ def laikin(shared_data):
     def observations(which: str, noise: str) -> Observations:
         pixels = data[f"{which}_uv_{noise}"]
         view, point = (index.ravel() for index in np.indices(pixels.shape[:2]))
-        return Observations.create(
-            1e-3 * data["object_points"], view, point, pixels.reshape(-1, 2), (2048, 2048)
-        )
+        return Observations.create(1e-3 * data["object_points"], view, point, pixels.reshape(-1, 2), (2048, 2048))
 
     return observations, data["curve_theta"], -1e-3 * data["curve_shift_mm"]
 
@@ -60,9 +58,7 @@ def test_the_pupil_helps_on_views_it_was_not_fitted_to(ov_plane) -> None:
     assert max(rms["ep_odd"], rms["ep_even"], rms["gennery"]) < 0.985 * rms["kannala"]
 
 
-@pytest.mark.parametrize(
-    ("name", "supported"), [("ov_plane", True), ("urban_fisheye2", False), ("jy_left", False)]
-)
+@pytest.mark.parametrize(("name", "supported"), [("ov_plane", True), ("urban_fisheye2", False), ("jy_left", False)])
 def test_the_verdict(shared_data, name, supported) -> None:
     result = calibrate(Observations.load(shared_data / name / "observations.npz"))
     assert result.entrance_pupil_supported == supported

@@ -69,10 +69,7 @@ def test_every_family_by_its_own_model(model) -> None:
     camera = replace(CAMERA, model=model, coefficients=coefficients)
     result = calibrate(seen_board(camera, views=40), model)
     assert_true(result, camera)
-    assert (
-        result.comparison[model].cross_validated_rms_px
-        < 0.9 * result.comparison["kannala"].cross_validated_rms_px
-    )
+    assert result.comparison[model].cross_validated_rms_px < 0.9 * result.comparison["kannala"].cross_validated_rms_px
 
 
 @pytest.mark.parametrize("bow_mm", [(0.4, 0.2, 0.0), (-0.3, 0.5, 0.2)])
@@ -122,9 +119,7 @@ def test_the_frame_of_the_target_does_not_matter() -> None:
     turned = calibrate(replace(observations, object_points=moved), "ep_even")
     assert turned.camera.parameters == pytest.approx(plain.camera.parameters, rel=1e-5, abs=1e-6)
     assert turned.rms_px == pytest.approx(plain.rms_px, rel=1e-9)
-    place = turned.camera_from_target @ np.block(
-        [[rotation, np.array([[1.0], [2.0], [3.0]])], [np.eye(4)[3:]]]
-    )
+    place = turned.camera_from_target @ np.block([[rotation, np.array([[1.0], [2.0], [3.0]])], [np.eye(4)[3:]]])
     assert np.abs(place - plain.camera_from_target).max() < 1e-5
 
 
@@ -164,14 +159,10 @@ def test_the_order_of_the_sightings_and_gaps_in_the_numbering_do_not_matter() ->
 @pytest.mark.parametrize("model", ["kannala", "ep_even", "auto"])
 def test_millimetres_and_metres_give_the_same_camera(tmp_path, model) -> None:
     observations = seen_board()
-    arrays = {
-        key: getattr(observations, key) for key in ("image_index", "point_index", "pixels", "image_size")
-    }
+    arrays = {key: getattr(observations, key) for key in ("image_index", "point_index", "pixels", "image_size")}
     cameras = []
     for unit, scale in (("m", 1.0), ("mm", 1e3)):
-        np.savez(
-            tmp_path / f"{unit}.npz", object_points=scale * observations.object_points, unit=unit, **arrays
-        )
+        np.savez(tmp_path / f"{unit}.npz", object_points=scale * observations.object_points, unit=unit, **arrays)
         cameras.append(calibrate(load_observations(tmp_path / f"{unit}.npz"), model).camera)
     assert cameras[0].parameters == pytest.approx(cameras[1].parameters, rel=1e-9, abs=1e-15)
     assert cameras[0].theta_max == pytest.approx(cameras[1].theta_max, rel=1e-9)

@@ -63,10 +63,7 @@ def first_changed(array: np.ndarray, value) -> np.ndarray:
         (lambda o: {"split": ["train"]}, "split"),
         (lambda o: {"disc_radius": -0.001}, "disc_radius"),
         (
-            lambda o: (
-                dict.fromkeys(("image_index", "point_index"), [])
-                | {"pixels": np.empty((0, 2)), "weights": []}
-            ),
+            lambda o: dict.fromkeys(("image_index", "point_index"), []) | {"pixels": np.empty((0, 2)), "weights": []},
             "no",
         ),
     ],
@@ -104,9 +101,7 @@ def test_all_views_alike(observations, model) -> None:
         pixels=np.tile(observations.pixels[own], (20, 1)) + rng.normal(0, 0.3, (20 * count, 2)),
         weights=None,
     )
-    with pytest.raises(
-        CalibrationError, match="all 20 views are alike.*move and tilt the target, near and far"
-    ):
+    with pytest.raises(CalibrationError, match="all 20 views are alike.*move and tilt the target, near and far"):
         calibrate(alike, model)
 
 
@@ -116,9 +111,7 @@ def test_views_that_leave_the_focal_length_open(model) -> None:
     rng = np.random.default_rng(2)
     rolled = np.stack([look_pose(BOARD, 0.0, 0.0, 0.2, roll=angle) for angle in np.linspace(0, 3, 6)])
     slid = np.tile(np.eye(4), (6, 1, 1))
-    slid[:, :3, 3] = np.column_stack(
-        [rng.uniform(-0.2, 0, 6), rng.uniform(-0.1, 0, 6), rng.uniform(0.15, 0.4, 6)]
-    )
+    slid[:, :3, 3] = np.column_stack([rng.uniform(-0.2, 0, 6), rng.uniform(-0.1, 0, 6), rng.uniform(0.15, 0.4, 6)])
     for poses in (rolled, slid):
         with pytest.raises(CalibrationError, match="do not determine the focal length.*tilt the target"):
             calibrate(seen(CAMERA, BOARD.object_points, poses), model)
@@ -128,9 +121,7 @@ def test_views_that_leave_the_focal_length_open(model) -> None:
 def test_fewer_points_than_parameters(observations, model) -> None:
     corners = np.isin(observations.point_index, [0, 8, 45, 53])
     few = rows(observations, corners & (observations.image_index < 6))
-    with pytest.raises(
-        CalibrationError, match=r"points give \d+ equations for \d+ unknowns.*record more views"
-    ):
+    with pytest.raises(CalibrationError, match=r"points give \d+ equations for \d+ unknowns.*record more views"):
         calibrate(few, model)
 
 
@@ -145,9 +136,7 @@ def test_a_line_of_points_is_no_view(observations, model) -> None:
 
 @pytest.mark.parametrize("model", [pytest.param("auto", marks=pytest.mark.slow), "ep_even"])
 def test_hopeless_input_is_refused_and_poor_input_survives(observations, model) -> None:
-    few = rows(
-        observations.select_images(range(4)), observations.select_images(range(4)).point_index % 3 == 0
-    )
+    few = rows(observations.select_images(range(4)), observations.select_images(range(4)).point_index % 3 == 0)
     anywhere = np.random.default_rng(3).uniform(0, 1199, few.pixels.shape)
     for pixels in (anywhere, few.pixels * [1, 0] + [0, 500], np.full_like(anywhere, 600.0)):
         with pytest.raises(CalibrationError):
@@ -192,18 +181,14 @@ def test_evaluation_refuses_another_image_size_and_names_views_without_a_pose(ob
     assert found.failed.keys() == {5, 7} and "points" in found.failed[7] and "no pose" in found.failed[5]
     assert len(found.images) == 23 and found.rms_px == pytest.approx(0.136, abs=0.006)
     with pytest.raises(CalibrationError, match="no view fits the camera"):
-        evaluate_camera(
-            CAMERA, replace(observations, pixels=np.random.default_rng(6).uniform(0, 1199, pixels.shape))
-        )
+        evaluate_camera(CAMERA, replace(observations, pixels=np.random.default_rng(6).uniform(0, 1199, pixels.shape)))
 
 
 def test_a_fit_that_did_not_converge_says_so(observations, monkeypatch) -> None:
     from fisheye_ep_calib.calibration import fit as fits
 
     full = fits.adjust
-    monkeypatch.setattr(
-        fits, "adjust", lambda *given, **options: full(*given, **{**options, "max_iterations": 1})
-    )
+    monkeypatch.setattr(fits, "adjust", lambda *given, **options: full(*given, **{**options, "max_iterations": 1}))
     assert not calibrate(observations, "ep_even").converged
 
 

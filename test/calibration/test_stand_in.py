@@ -53,10 +53,7 @@ def test_no_other_camera_of_its_kind_comes_nearer(camera, distance) -> None:
     for scale in (1e-3, 1e-2):
         for _ in range(20):
             step = rng.normal(0, scale, 9) * [1, 1, 0, 1, 1, 1e-2, 1e-2, 1e-2, 1e-2] * 10
-            assert (
-                rms_over_image(camera, single.with_parameters(single.parameters + step), distance)
-                > 0.999 * best
-            )
+            assert rms_over_image(camera, single.with_parameters(single.parameters + step), distance) > 0.999 * best
     for away, loss in found.loss_px.items():
         assert loss == pytest.approx(rms_over_image(camera, single, away), rel=0.15, abs=1e-3)
     assert found.distance == distance

@@ -89,16 +89,12 @@ def aligned_error(camera, points: np.ndarray) -> np.ndarray:
 def test_projection_uncertainty_is_the_scatter_of_projections() -> None:
     """Near, inside and far beyond the recorded distances, in the frame that the boards define."""
     angle, turn = np.meshgrid(np.radians([0, 40, 75]), np.radians([20, 140, 260]))
-    direction = np.stack(
-        [np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], -1
-    ).reshape(-1, 3)
+    direction = np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)], -1).reshape(-1, 3)
     points = np.concatenate([distance * direction for distance in (0.07, 0.2, 1e4)])
     errors, claimed = [], []
     for result in draws(150):
         errors.append(aligned_error(replace(result.camera, theta_max=np.pi), points))
-        claimed.append(
-            projection_uncertainty(result.camera, result.uncertainty, result.fit.problem.free, points)
-        )
+        claimed.append(projection_uncertainty(result.camera, result.uncertainty, result.fit.problem.free, points))
     scatter = np.sqrt((np.array(errors) ** 2).mean(axis=(0, 2)))
     ratio = np.mean(claimed, axis=0) / scatter
     assert ((ratio > 0.8) & (ratio < 1.25)).all(), ratio

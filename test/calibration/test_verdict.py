@@ -14,9 +14,7 @@ from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses
 from fisheye_ep_calib.target.chessboard import Chessboard
 
 pytestmark = pytest.mark.filterwarnings("error")
-BOARD = Chessboard.create(
-    "board", 11, 7, 0.012
-)  # the paper's grid as points: discs take longer and decide alike
+BOARD = Chessboard.create("board", 11, 7, 0.012)  # the paper's grid as points: discs take longer and decide alike
 
 
 def paper_views(shift: float, seed: int, noise: float = 0.15):
@@ -58,14 +56,10 @@ def test_a_named_model_says_what_the_data_support() -> None:
 
 def test_what_is_open_is_decided_and_what_is_fixed_is_not() -> None:
     free = calibrate(paper_views(1.0, 4))
-    assert {"board warp", "tangential"} & {
-        reason.split(" left out")[0].split(" kept")[0] for reason in free.reasons
-    }
+    assert {"board warp", "tangential"} & {reason.split(" left out")[0].split(" kept")[0] for reason in free.reasons}
     assert any(reason.startswith("skew") for reason in free.reasons)
     fixed = calibrate(paper_views(1.0, 4), board_warp=False, tangential=False, skew=False)
-    assert not any(
-        word in reason for reason in fixed.reasons for word in ("tangential", "skew", "board warp")
-    )
+    assert not any(word in reason for reason in fixed.reasons for word in ("tangential", "skew", "board warp"))
     assert fixed.camera.skew == 0 and not fixed.camera.extras and not np.any(fixed.board_warp)
     forced = calibrate(paper_views(1.0, 4), board_warp=True, tangential=True, skew=True)
     assert np.any(forced.board_warp) and "tangential" in forced.camera.extras and forced.camera.skew != 0

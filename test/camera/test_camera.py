@@ -75,9 +75,7 @@ def test_parameters_go_out_and_in(model: str, lens: str) -> None:
 
 def test_a_camera_cannot_be_changed() -> None:
     radial, extras = [0.01, 0.0, 0.0, 0.0], {"tilt": [0.01, 0.0]}
-    camera = FisheyeCamera(
-        **PLAIN, radial=radial, extras=extras, model="ep_even", coefficients=np.array([-1e-3])
-    )
+    camera = FisheyeCamera(**PLAIN, radial=radial, extras=extras, model="ep_even", coefficients=np.array([-1e-3]))
     before, pixel = camera.parameters.copy(), camera.project([0.1, 0.2, 0.3])[0]
     radial[0], extras["tilt"][0] = 0.5, 0.5
     with pytest.raises(FrozenInstanceError):

@@ -104,18 +104,14 @@ def test_pupil_families_by_angle(model: str) -> None:
             theta[:, None],
             np.array([[1e-4]]),
         )
-        np.testing.assert_allclose(
-            family.basis_derivative(theta, terms).T, numeric[..., 0], rtol=1e-6, atol=1e-13
-        )
+        np.testing.assert_allclose(family.basis_derivative(theta, terms).T, numeric[..., 0], rtol=1e-6, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", LENSES)
 def test_lenses_by_angle_and_coefficient(name: str) -> None:
     lens, theta = LENS_MODELS[name], np.linspace(0, 1.75, 200)
     coefficients = np.array(random_camera(np.random.default_rng(4), "kannala", name).radial)
-    numeric = central_differences(
-        lambda at: lens.radius(at, coefficients), theta[:, None], np.array([[1e-4]])
-    )
+    numeric = central_differences(lambda at: lens.radius(at, coefficients), theta[:, None], np.array([[1e-4]]))
     np.testing.assert_allclose(lens.radius_derivative(theta, coefficients), numeric[:, 0, 0], rtol=1e-8)
     steps = np.full(len(coefficients), 1e-4)
     numeric = central_differences(lambda values: lens.radius(theta, values), coefficients, steps)

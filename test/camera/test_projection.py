@@ -95,12 +95,8 @@ def test_kannala_brandt_is_opencvs_fisheye() -> None:
         keep = theta < np.radians(86)
         points = ray_points(camera, theta[keep], phi[keep], distance[keep])
         matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
-        expected, _ = cv2.fisheye.projectPoints(
-            points[None], np.zeros(3), np.zeros(3), matrix, np.array(camera.radial)
-        )
-        straight = camera.with_parameters(
-            np.where(np.arange(len(camera.parameters)) == 2, 0, camera.parameters)
-        )
+        expected, _ = cv2.fisheye.projectPoints(points[None], np.zeros(3), np.zeros(3), matrix, np.array(camera.radial))
+        straight = camera.with_parameters(np.where(np.arange(len(camera.parameters)) == 2, 0, camera.parameters))
         assert np.abs(straight.project(points)[0] - expected.reshape(-1, 2)).max() < 1e-9
 
 

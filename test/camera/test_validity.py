@@ -79,9 +79,7 @@ def test_nothing_beyond_theta_max(model: str) -> None:
     camera = random_camera(np.random.default_rng(3), model)
     for offset, inside in ((-1e-5, True), (1e-5, False)):
         theta = np.full(3, camera.theta_max + offset)
-        _, valid = camera.project(
-            ray_points(camera, theta, np.array([0.0, 2.0, 4.0]), np.array([0.5, 1.0, 10.0]))
-        )
+        _, valid = camera.project(ray_points(camera, theta, np.array([0.0, 2.0, 4.0]), np.array([0.5, 1.0, 10.0])))
         assert (valid == inside).all()
         _, _, valid = camera.unproject(true_pixels(camera, theta, np.array([0.0, 2.0, 4.0])))
         assert (valid == inside).all()
@@ -106,9 +104,7 @@ def test_nothing_where_the_image_radius_no_longer_grows(model: str) -> None:
         point = ray_points(camera, np.array([turn + offset]), np.zeros(1), np.ones(1))
         assert camera.project(point)[1] == inside
     highest = float(kannala_brandt(turn, radial))
-    _, _, valid = camera.unproject(
-        [[500 + 400 * highest * (1 - 1e-9), 500], [500 + 400 * highest * (1 + 1e-9), 500]]
-    )
+    _, _, valid = camera.unproject([[500 + 400 * highest * (1 - 1e-9), 500], [500 + 400 * highest * (1 + 1e-9), 500]])
     assert valid.tolist() == [True, False]
 
 

@@ -29,9 +29,7 @@ def folder(tmp_path):
 
 
 def test_detect_writes_points_pictures_and_reasons(command, folder) -> None:
-    ended = command(
-        "detect", "images", "--target", "discs.yaml", "--output", "found", "--overlay", "--workers", 1
-    )
+    ended = command("detect", "images", "--target", "discs.yaml", "--output", "found", "--overlay", "--workers", 1)
     assert ended.code == 0, ended.err
     assert "clutter.png: board not found" in ended.out
     assert "blurred.png: blurred by about " in ended.out

@@ -22,9 +22,7 @@ def test_two_cameras_by_their_topics(command, recording, tmp_path) -> None:
     assert list(cameras) == ["front", "rear"]
     for name, truth in zip(("front", "rear"), CAMERAS.values(), strict=True):
         said = cameras[name]
-        assert (
-            said["converged"] and said["views"] + len(said["unused_views"]) == VIEWS and said["views"] >= 10
-        )
+        assert said["converged"] and said["views"] + len(said["unused_views"]) == VIEWS and said["views"] >= 10
         assert said["rms_px"] < 0.15 and said["points"] > 0.85 * said["views"] * 48
         assert said["seconds"]["read"] > 0 and said["seconds"]["detect"] > 0
         found = read_camera_file(tmp_path / said["yaml"]).camera
@@ -46,9 +44,7 @@ def test_topics_that_leave_a_choice_are_listed(command, recording, tmp_path) -> 
     command(*words).refused(2, "/left/image_raw", "/right/image_raw", "--topic")
     command(*words, "--topic", "front=/nowhere").refused(2, "/nowhere", "/left/image_raw")
     command(*words, "--topic", "../front=/left/image_raw").refused(2, "letters, digits")
-    command(*words, "--topic", "a=/left/image_raw", "--topic", "a=/right/image_raw").refused(
-        2, "two cameras called a"
-    )
+    command(*words, "--topic", "a=/left/image_raw", "--topic", "a=/right/image_raw").refused(2, "two cameras called a")
     command(*words, "--topic", "=/left/image_raw").refused(2, "--topic =/left/image_raw")
     for option, value in (("--max-views", 0), ("--max-views", -3), ("--every", 0), ("--workers", -1)):
         command(*words, "--topic", "/left/image_raw", option, value).refused(2, f" {value}")
@@ -65,9 +61,7 @@ def test_evaluate_reads_a_bag_too(command, recording, tmp_path) -> None:
         "--workers",
         1,
     )
-    made = command("calibrate", *words, "--model", "ep_even", "--all", "--no-report", "--json").json[
-        "cameras"
-    ]["left"]
+    made = command("calibrate", *words, "--model", "ep_even", "--all", "--no-report", "--json").json["cameras"]["left"]
     found = command("evaluate", made["yaml"], *words, "--all", "--json").json
     assert found["views"] >= 10 and found["rms_px"] < 0.2
     other = ("--topic", "/right/image_raw")
@@ -93,14 +87,9 @@ def test_real_photographs_of_a_partial_board(command, shared_data, tmp_path) -> 
     images = (cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in photographs)
     write_bag(
         tmp_path / "photographs.mcap",
-        (
-            StampedImage("/camera/image_raw", 10**18 + i * 10**9, "camera", image)
-            for i, image in enumerate(images)
-        ),
+        (StampedImage("/camera/image_raw", 10**18 + i * 10**9, "camera", image) for i, image in enumerate(images)),
     )
-    ended = command(
-        "calibrate", "photographs.mcap", "--target", "board.yaml", "--all", "--no-report", "--json"
-    )
+    ended = command("calibrate", "photographs.mcap", "--target", "board.yaml", "--all", "--no-report", "--json")
     camera = ended.json["cameras"]["camera"]
     left_out = set(camera["unused_views"]) | set(camera["wrong_views"])
     assert camera["views"] + len(left_out) == 25 and all(camera["unused_views"].values())

@@ -26,9 +26,7 @@ def record_of(folder: Path) -> dict:
 
 
 @pytest.mark.parametrize("model", ["auto", "ep_odd", "kannala", "ep_odd_target_axis"])
-def test_the_record_of_observation_files_is_as_its_schema_says(
-    command, observation_file, tmp_path, model
-) -> None:
+def test_the_record_of_observation_files_is_as_its_schema_says(command, observation_file, tmp_path, model) -> None:
     save_observations(tmp_path / "poor.npz", load_observations(observation_file).select_images([0, 1]))
     assert command("calibrate", observation_file, "poor.npz", "--model", model, "--output", "out").code == 1
     record = record_of(tmp_path / "out")

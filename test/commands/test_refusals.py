@@ -30,9 +30,7 @@ def test_sources_that_are_not_there(command, tmp_path) -> None:
     command("calibrate", "no.npz").refused(2, "no.npz does not exist")
     command("calibrate", "no.mcap", "--target", "board.yaml").refused(2, "no.mcap")
     command("calibrate", "no", "--target", "board.yaml").refused(2, "no")
-    command("calibrate", "empty", "--target", "board.yaml").refused(
-        2, "empty holds neither a bag", "nor images"
-    )
+    command("calibrate", "empty", "--target", "board.yaml").refused(2, "empty holds neither a bag", "nor images")
     command("calibrate", "empty").refused(2, "images need --target TARGET.yaml")
     command("evaluate", "no.yaml", "no.npz").refused(2, "cannot read camera file no.yaml")
     command("show", "no.yaml").refused(2, "cannot read camera file no.yaml: No such file")
@@ -83,9 +81,7 @@ def test_recordings_without_images_or_content(command, tmp_path) -> None:
     ],
 )
 @pytest.mark.filterwarnings("ignore:invalid value")
-def test_observation_files_that_contradict_themselves(
-    command, observation_file, tmp_path, change, words
-) -> None:
+def test_observation_files_that_contradict_themselves(command, observation_file, tmp_path, change, words) -> None:
     np.savez("bad.npz", **changed(observation_file, **change(dict(np.load(observation_file)))))
     command("calibrate", "bad.npz", "--json").refused(2, "bad.npz", *words)
     assert not (tmp_path / "calibration").exists()
@@ -170,8 +166,7 @@ def edited(path: Path, *keys: str, value) -> str:
 
 _EP = "entrance_pupil"
 _LAUGHS = "a: &a [l, l, l, l, l, l, l, l, l]\n" + "".join(
-    f"{name}: &{name} [{', '.join(['*' + before] * 9)}]\n"
-    for before, name in zip("abcdef", "bcdefg", strict=True)
+    f"{name}: &{name} [{', '.join(['*' + before] * 9)}]\n" for before, name in zip("abcdef", "bcdefg", strict=True)
 )
 
 
@@ -313,9 +308,7 @@ def test_files_of_one_name_and_mixed_sources(command, observation_file, tmp_path
     (tmp_path / "board.yaml").write_text(BOARD)
     shutil.copy(observation_file, tmp_path / "front.npz")
     shutil.copy(observation_file, tmp_path / "other" / "Front.npz")
-    command("calibrate", "front.npz", "other/Front.npz").refused(
-        2, "would both be called Front", "rename one"
-    )
+    command("calibrate", "front.npz", "other/Front.npz").refused(2, "would both be called Front", "rename one")
     command("calibrate", "front.npz", "other", "--target", "board.yaml").refused(2, "not both at once")
     command("calibrate", "other", "--target", "board.yaml", "--split", "train").refused(
         2, "--split", "observation files"

@@ -38,11 +38,7 @@ def test_calibrate_says_all_that_the_contract_names_on_stdout_alone(observation_
     ended = process("calibrate", observation_file, "--json", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr.decode()
     content = strict_json(ended.stdout.decode())
-    assert (
-        ended.stdout.count(b"\n") == 1
-        and list(content) == ["cameras"]
-        and list(content["cameras"]) == ["front"]
-    )
+    assert ended.stdout.count(b"\n") == 1 and list(content) == ["cameras"] and list(content["cameras"]) == ["front"]
     camera = content["cameras"]["front"]
     kinds = {
         "model": str,
@@ -85,10 +81,7 @@ def test_a_process_ends_with_the_codes_0_1_and_2(camera_file, observation_file, 
     np.savez(
         tmp_path / "few.npz",
         unit="m",
-        **{
-            key: getattr(few, key)
-            for key in ("object_points", "image_index", "point_index", "pixels", "image_size")
-        },
+        **{key: getattr(few, key) for key in ("object_points", "image_index", "point_index", "pixels", "image_size")},
     )
     refused = process("calibrate", "few.npz", cwd=tmp_path)
     assert (refused.returncode, refused.stdout, refused.stderr.count(b"\n")) == (1, b"", 1)
@@ -117,9 +110,7 @@ def test_the_camera_file_is_the_calibration(command, observation_file, camera_fi
         "covariance",
         "svp",
     } <= block.keys()
-    assert {"rms_px", "views", "points", "board_warp", "date", "source", "software"} <= block[
-        "calibration"
-    ].keys()
+    assert {"rms_px", "views", "points", "board_warp", "date", "source", "software"} <= block["calibration"].keys()
 
 
 def test_show_prints_the_curves_on_whole_degrees(command, camera_file) -> None:
@@ -174,9 +165,7 @@ def test_evaluate_bends_the_board_as_the_file_says(command, observation_file, ca
 
 
 def test_a_calibration_can_be_repeated_from_what_it_saved(command, observation_file, tmp_path) -> None:
-    first = command("calibrate", observation_file, "--output", "one", "--no-report", "--json").json[
-        "cameras"
-    ]["front"]
+    first = command("calibrate", observation_file, "--output", "one", "--no-report", "--json").json["cameras"]["front"]
     saved = tmp_path / "one" / "observations" / "front.npz"
     again = command("calibrate", saved, "--output", "two", "--no-report", "--json").json["cameras"]["front"]
     assert {key: first[key] for key in ("model", "rms_px", "points")} == {
@@ -187,9 +176,7 @@ def test_a_calibration_can_be_repeated_from_what_it_saved(command, observation_f
 def test_earlier_results_are_not_overwritten(command, observation_file, tmp_path) -> None:
     words = ("calibrate", observation_file, "--model", "kannala", "--no-report")
     assert command(*words).code == 0 and command(*words).code == 0
-    assert (tmp_path / "calibration" / "front.yaml").exists() and (
-        tmp_path / "calibration_2" / "front.yaml"
-    ).exists()
+    assert (tmp_path / "calibration" / "front.yaml").exists() and (tmp_path / "calibration_2" / "front.yaml").exists()
     before = (tmp_path / "calibration" / "front.yaml").read_bytes()
     command(*words, "--output", "calibration").refused(2, "is there already", "--overwrite")
     assert (tmp_path / "calibration" / "front.yaml").read_bytes() == before
@@ -205,9 +192,7 @@ def test_several_observation_files_are_several_cameras(command, observation_file
         "poor.npz",
         **{**few, **{key: few[key][keep] for key in ("image_index", "point_index", "pixels", "weights")}},
     )
-    ended = command(
-        "calibrate", "left.npz", "poor.npz", "right.npz", "--model", "kannala", "--no-report", "--json"
-    )
+    ended = command("calibrate", "left.npz", "poor.npz", "right.npz", "--model", "kannala", "--no-report", "--json")
     assert ended.code == 1 and ended.json["cameras"].keys() == {"left", "right"}
     assert "poor: error: 2 views have" in ended.err
     assert {path.name for path in (tmp_path / "calibration").glob("*.yaml")} == {"left.yaml", "right.yaml"}
@@ -261,19 +246,15 @@ def test_a_fit_that_did_not_converge_exits_1_with_its_best_state_marked(
     from fisheye_ep_calib.calibration import fit
 
     full = fit.adjust
-    monkeypatch.setattr(
-        fit, "adjust", lambda *given, **options: full(*given, **{**options, "max_iterations": 1})
-    )
-    ended = command(
-        "calibrate", observation_file, "--model", "ep_even", "--output", "out", "--no-report", "--json"
-    )
+    monkeypatch.setattr(fit, "adjust", lambda *given, **options: full(*given, **{**options, "max_iterations": 1}))
+    ended = command("calibrate", observation_file, "--model", "ep_even", "--output", "out", "--no-report", "--json")
     assert ended.code == 1 and not ended.json["cameras"]["front"]["converged"]
     assert "did not converge" in ended.err and "front.not_converged.yaml" in ended.err
     assert [path.name for path in (tmp_path / "out").glob("*.yaml")] == ["front.not_converged.yaml"]
     assert (
-        yaml.safe_load((tmp_path / "out" / "front.not_converged.yaml").read_text())["entrance_pupil"][
-            "calibration"
-        ]["converged"]
+        yaml.safe_load((tmp_path / "out" / "front.not_converged.yaml").read_text())["entrance_pupil"]["calibration"][
+            "converged"
+        ]
         is False
     )
 

@@ -211,7 +211,9 @@ def test_a_cluster_gives_the_same_files(command, words, tmp_path):
         assert one.read_bytes() == other.read_bytes()
     options = json.loads((tmp_path / "there" / "calibration.json").read_text())["options"]
     assert options["scheduler"] == address
-    command(*words, "--scheduler", "nonsense").refused(2, "--scheduler 'nonsense' is no address such as tcp://HOST:PORT")
+    command(*words, "--scheduler", "nonsense").refused(
+        2, "--scheduler 'nonsense' is no address such as tcp://HOST:PORT"
+    )
 
 
 def test_a_termination_ends_like_an_interruption():

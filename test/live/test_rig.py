@@ -155,9 +155,7 @@ class Rig:
         self.automatic = True
         self.pool = WorkPool(2, self.said.append)
         announcer = Announcer(self.said.append, self.said.append)
-        self.calibrator = RigCalibrator(
-            self.session, self.pool, announcer, lambda: self.automatic, self.told.append
-        )
+        self.calibrator = RigCalibrator(self.session, self.pool, announcer, lambda: self.automatic, self.told.append)
 
     def show(self, camera: int, images: range) -> None:
         one = self.seen[camera]

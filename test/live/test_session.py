@@ -130,9 +130,7 @@ def test_counting_does_not_wait_for_the_disk(tmp_path: Path, monkeypatch) -> Non
     """Images are counted in callbacks, which must not wait."""
     camera, writing, counted = session(tmp_path), threading.Event(), threading.Event()
     written = view_store.save_observations
-    monkeypatch.setattr(
-        view_store, "save_observations", lambda *a: (writing.set(), counted.wait(10), written(*a))
-    )
+    monkeypatch.setattr(view_store, "save_observations", lambda *a: (writing.set(), counted.wait(10), written(*a)))
     thread = threading.Thread(target=camera.consider, args=(sighting(0),))
     thread.start()
     assert writing.wait(10)

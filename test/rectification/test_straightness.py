@@ -41,9 +41,7 @@ def bend(board: Chessboard, image: np.ndarray) -> float:
     return float(np.sqrt(square / count))
 
 
-def test_straight_lines_are_straight_with_the_pupil(
-    board, image, calibrated, calibrated_without_pupil, capsys
-) -> None:
+def test_straight_lines_are_straight_with_the_pupil(board, image, calibrated, calibrated_without_pupil, capsys) -> None:
     cameras = {
         "entrance pupil": calibrated.camera,
         "stand-in of the same file": calibrated.stand_in.camera,
@@ -51,9 +49,7 @@ def test_straight_lines_are_straight_with_the_pupil(
         "calibrated without pupil": calibrated_without_pupil,
     }
     view = make_view(calibrated.camera)
-    bends = {
-        name: bend(board, Rectifier(camera, view).rectify(image, DISTANCE)) for name, camera in cameras.items()
-    }
+    bends = {name: bend(board, Rectifier(camera, view).rectify(image, DISTANCE)) for name, camera in cameras.items()}
     with capsys.disabled():
         print("\nRMS off the straight line, checkerboard at 120 mm:")
         for name, value in bends.items():

@@ -13,7 +13,7 @@ def test_jitter_missing_images_and_order_do_not_matter() -> None:
     rng = np.random.default_rng(0)
     times = 10**8 * np.arange(50)
     taken = [rng.permutation(np.flatnonzero(rng.random(50) < 0.8)) for _ in range(3)]
-    stamps = [times[which] + rng.integers(-10**6, 10**6, len(which)) for which in taken]
+    stamps = [times[which] + rng.integers(-(10**6), 10**6, len(which)) for which in taken]
     moments = simultaneous(stamps, 2 * 10**6)
     of_image = [np.where(moments[:, c] >= 0, taken[c][moments[:, c]], -1) for c in range(3)]
     expected = [[t if t in taken[c] else -1 for c in range(3)] for t in range(50)]

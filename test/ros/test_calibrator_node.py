@@ -22,9 +22,7 @@ TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
 RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 
-def test_images_in_camera_info_and_files_out(
-    start_calibrator, start_publisher, probe, rendered, tmp_path
-) -> None:
+def test_images_in_camera_info_and_files_out(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
     calibrator = start_calibrator(
         cameras="[front]", target=TARGET, output_directory=tmp_path, auto_calibrate="false", model="ep_odd"
     )
@@ -83,9 +81,7 @@ def test_a_calibration_without_views_says_so(start_calibrator, probe, tmp_path) 
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_parameters_that_cannot_be_used_are_refused_in_one_line(
-    start_calibrator, parameters, complaint
-) -> None:
+def test_parameters_that_cannot_be_used_are_refused_in_one_line(start_calibrator, parameters, complaint) -> None:
     calibrator = start_calibrator(**parameters)
     assert calibrator.process.wait(60) == 2
     calibrator.end()

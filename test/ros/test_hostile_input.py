@@ -59,9 +59,7 @@ COMPRESSED = [
 ]
 
 
-def test_hostile_messages_are_counted_told_once_and_survived(
-    start_calibrator, probe, rendered, tmp_path
-) -> None:
+def test_hostile_messages_are_counted_told_once_and_survived(start_calibrator, probe, rendered, tmp_path) -> None:
     folder = tmp_path / "deep" / "calibration"
     calibrator = start_calibrator(
         cameras="[front, rear]",

@@ -112,9 +112,7 @@ def test_two_cameras_are_received_in_time(start_calibrator, start_publisher, pro
 
 
 @pytest.mark.slow
-def test_memory_stays_flat_over_2000_frames(
-    start_calibrator, start_publisher, probe, rendered, tmp_path
-) -> None:
+def test_memory_stays_flat_over_2000_frames(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
     measured = run(start_calibrator, start_publisher, probe, rendered, tmp_path, frames=1000)
     print(report(measured))
     assert min(measured["received"]) >= 0.95 * measured["published"]

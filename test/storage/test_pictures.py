@@ -27,7 +27,11 @@ def message(samples: np.ndarray, encoding: str, height: int = 24, width: int = 3
         rows = rows.byteswap()
     rows = rows.view(np.uint8)
     return SimpleNamespace(
-        height=height, width=width, encoding=encoding, is_bigendian=int(big_endian), step=rows.shape[1],
+        height=height,
+        width=width,
+        encoding=encoding,
+        is_bigendian=int(big_endian),
+        step=rows.shape[1],
         data=rows.tobytes(),
     )
 

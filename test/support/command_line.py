@@ -42,6 +42,4 @@ class Ended:
 
 
 def close_to_truth(values: dict) -> bool:
-    return math.isclose(values["fx"], CAMERA.fx, rel_tol=5e-3) and math.isclose(
-        values["cy"], CAMERA.cy, abs_tol=2
-    )
+    return math.isclose(values["fx"], CAMERA.fx, rel_tol=5e-3) and math.isclose(values["cy"], CAMERA.cy, abs_tol=2)

@@ -13,9 +13,7 @@ PUPILS = {
     "kannala": lambda theta, c: 0.0 * theta,
     "ep_odd": lambda theta, c: sum(e * theta ** (3 + 2 * i) for i, e in enumerate(c)),
     "ep_even": lambda theta, c: sum(e * theta ** (2 + 2 * i) for i, e in enumerate(c)),
-    "gennery": lambda theta, c: (
-        -(theta / np.sin(theta) - 1) * sum(g * theta ** (2 * i) for i, g in enumerate(c))
-    ),
+    "gennery": lambda theta, c: -(theta / np.sin(theta) - 1) * sum(g * theta ** (2 * i) for i, g in enumerate(c)),
 }
 TERMS = {"kannala": 0, "ep_odd": 4, "ep_even": 2, "gennery": 3}
 
@@ -36,33 +34,25 @@ LENSES = {"kannala_brandt": kannala_brandt, "kannala_brandt_6": kannala_brandt, 
 
 def decentered(x, y, p):
     square = x * x + y * y
-    return x + 2 * p[0] * x * y + p[1] * (square + 2 * x * x), y + p[0] * (square + 2 * y * y) + 2 * p[
-        1
-    ] * x * y
+    return x + 2 * p[0] * x * y + p[1] * (square + 2 * x * x), y + p[0] * (square + 2 * y * y) + 2 * p[1] * x * y
 
 
 def tilted(x, y, tau):
     """OpenCV's tilted sensor, from the formula in its documentation."""
     (cx, cy), (sx, sy) = np.cos(tau), np.sin(tau)
     rotation = np.array([[cy, sy * sx, -sy * cx], [0, cx, sx], [sy, -cy * sx, cy * cx]])
-    projector = np.array(
-        [[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]]
-    )
+    projector = np.array([[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]])
     a, b, c = np.einsum("ij,j...->i...", projector @ rotation, np.stack([x, y, np.ones_like(x)]))
     return a / c, b / c
 
 
-def random_camera(
-    rng, model: str, lens: str = "kannala_brandt", extras: tuple[str, ...] = ()
-) -> FisheyeCamera:
+def random_camera(rng, model: str, lens: str = "kannala_brandt", extras: tuple[str, ...] = ()) -> FisheyeCamera:
     """A camera of up to 100° and pupil shifts of up to 17 mm toward the scene, or 5 mm away from it, at 90°."""
     right_angle = np.array(np.pi / 2)
     terms = TERMS[model]
     shares = rng.dirichlet(np.ones(terms)) * rng.uniform(-17e-3, 5e-3) if terms else ()
     units = np.eye(terms)
-    coefficients = [
-        float(share / PUPILS[model](right_angle, unit)) for share, unit in zip(shares, units, strict=True)
-    ]
+    coefficients = [float(share / PUPILS[model](right_angle, unit)) for share, unit in zip(shares, units, strict=True)]
     radial = rng.normal(0, [0.015, 0.004, 0.001, 0.0002])
     if lens == "kannala_brandt_6":
         radial = [*radial, *rng.uniform(0, [4e-5, 8e-6])]

@@ -47,9 +47,7 @@ def seen(
     return Observations.create(points, image, point, pixels[image, point], camera.image_size)
 
 
-def seen_board(
-    camera: FisheyeCamera = CAMERA, views: int = 25, noise: float = 0.1, seed: int = 1
-) -> Observations:
+def seen_board(camera: FisheyeCamera = CAMERA, views: int = 25, noise: float = 0.1, seed: int = 1) -> Observations:
     return seen(camera, BOARD.object_points, poses_of(views, seed), noise, seed)
 
 
@@ -64,9 +62,7 @@ def rows(observations: Observations, keep: np.ndarray) -> Observations:
     )
 
 
-def with_gross_errors(
-    observations: Observations, share: float, seed: int = 0
-) -> tuple[Observations, np.ndarray]:
+def with_gross_errors(observations: Observations, share: float, seed: int = 0) -> tuple[Observations, np.ndarray]:
     """A share of the sightings anywhere in the image instead; which ones (M,)."""
     rng = np.random.default_rng([seed, 6])
     wrong = rng.random(len(observations.pixels)) < share
@@ -74,9 +70,7 @@ def with_gross_errors(
     return replace(observations, pixels=np.where(wrong[:, None], anywhere, observations.pixels)), wrong
 
 
-def unknown_scene(
-    seed: int, theta_max_deg: float | None = None, views: int = 20
-) -> tuple[FisheyeCamera, Observations]:
+def unknown_scene(seed: int, theta_max_deg: float | None = None, views: int = 20) -> tuple[FisheyeCamera, Observations]:
     """A random camera whose image ends at a θ from 40 to 100°, its centre up to 5 % of the width off, and its views."""
     rng = np.random.default_rng([seed, 77])
     edge = np.radians(rng.uniform(40, 100) if theta_max_deg is None else theta_max_deg)
@@ -94,9 +88,7 @@ def unknown_scene(
         coefficients=(rng.uniform(-1e-3, -0.2e-3), rng.uniform(-0.2e-3, 0)),
         theta_max=min(1.35 * edge, 2.2),
     )
-    return camera, seen(
-        camera, BOARD.object_points, poses_of(views, seed, 0.85 * np.degrees(edge)), 0.1, seed
-    )
+    return camera, seen(camera, BOARD.object_points, poses_of(views, seed, 0.85 * np.degrees(edge)), 0.1, seed)
 
 
 def deviation(result: CalibrationResult, truth: FisheyeCamera) -> dict[str, float]:

@@ -27,12 +27,8 @@ HOLED = parse_target(
 BOARDS = {
     "circle_grid": DISCS,
     "chessboard": parse_target({"type": "chessboard", "columns": 9, "rows": 6, "spacing": 0.012}),
-    "aprilgrid": parse_target(
-        {"type": "aprilgrid", "columns": 5, "rows": 4, "tag_size": 0.02, "tag_gap": 0.006}
-    ),
-    "charuco": parse_target(
-        {"type": "charuco", "columns": 9, "rows": 6, "spacing": 0.016, "marker_size": 0.012}
-    ),
+    "aprilgrid": parse_target({"type": "aprilgrid", "columns": 5, "rows": 4, "tag_size": 0.02, "tag_gap": 0.006}),
+    "charuco": parse_target({"type": "charuco", "columns": 9, "rows": 6, "spacing": 0.016, "marker_size": 0.012}),
 }
 
 
