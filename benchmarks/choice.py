@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from reading import CAMERAS, TARGET, handheld_poses
 
-from fisheye_ep_calib.calibration.view_information import view_information
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.collection.choice import FrameChoice, first_look, next_look
+from fisheye_ep_calib.planning.image_choice import FrameChoice, first_look, next_look
+from fisheye_ep_calib.planning.view_information import view_information
 from fisheye_ep_calib.simulation.truth import observe
 from fisheye_ep_calib.target.detection import Detection
 

@@ -11,9 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from fisheye_ep_calib import FisheyeCamera, Observations
-from fisheye_ep_calib.calibration.adjustment import AdjustmentProblem, AdjustmentState, evaluate
-from fisheye_ep_calib.calibration.fit import Fit, first_fit, prepare, refine
-from fisheye_ep_calib.calibration.normal_equations import reduced_information
+from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.simulation import observe
 from fisheye_ep_calib.target import Target

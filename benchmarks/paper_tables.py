@@ -25,7 +25,7 @@ import numpy as np
 from monte_carlo import Scene, fit_from_nothing, markdown, spread_over
 
 from fisheye_ep_calib import FisheyeCamera
-from fisheye_ep_calib.calibration.fit import Fit
+from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.simulation import paper_camera, paper_poses, paper_target
 

@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from fisheye_ep_calib import CalibrationResult, FisheyeCamera, Observations, calibrate
-from fisheye_ep_calib.calibration.evaluation import evaluate_camera
+from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
 from fisheye_ep_calib.simulation import RayTracedCamera, laikin_camera, observe, paper_poses, paper_target, random_poses
 
 NOISE = 0.05  # px of each coordinate

@@ -14,7 +14,7 @@ import numpy as np
 from fisheye_ep_calib import FisheyeCamera, calibrate
 from fisheye_ep_calib.simulation import observe, paper_poses
 from fisheye_ep_calib.simulation.ray_traced_camera import RayTracedCamera, laikin_camera
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402

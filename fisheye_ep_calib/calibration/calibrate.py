@@ -7,10 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.adjustment import adjust
-from fisheye_ep_calib.calibration.family_spread import with_family_spread
-from fisheye_ep_calib.calibration.fit import Fit, Sightings, first_fit, prepare, refine
-from fisheye_ep_calib.calibration.model_selection import (
+from fisheye_ep_calib.calibration.assessing.family_spread import with_family_spread
+from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
+from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
+from fisheye_ep_calib.calibration.estimating.adjustment import adjust
+from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
+from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.calibration.result import CalibrationResult, Comparison
+from fisheye_ep_calib.calibration.selecting.model_selection import (
     Candidate,
     Search,
     candidate,
@@ -18,13 +23,8 @@ from fisheye_ep_calib.calibration.model_selection import (
     supported_pupils,
     with_needed_lens,
 )
-from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.outliers import Screening, huber_fit, screen
-from fisheye_ep_calib.calibration.pose_repair import repaired
-from fisheye_ep_calib.calibration.result import CalibrationResult, Comparison
-from fisheye_ep_calib.calibration.stand_in import single_viewpoint
+from fisheye_ep_calib.calibration.selecting.outliers import Screening, huber_fit, screen
 from fisheye_ep_calib.calibration.structure import LENS, Structure
-from fisheye_ep_calib.calibration.uncertainty import uncertainty
 from fisheye_ep_calib.camera import LENS_EXTRAS
 from fisheye_ep_calib.errors import CalibrationError, InputError
 

@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.diagnosis import Diagnosis, diagnose
-from fisheye_ep_calib.calibration.fit import Fit
-from fisheye_ep_calib.calibration.outliers import RejectedPoint
-from fisheye_ep_calib.calibration.stand_in import StandIn
-from fisheye_ep_calib.calibration.uncertainty import ProjectionTable, Uncertainty, projection_table
+from fisheye_ep_calib.calibration.assessing.diagnosis import Diagnosis, diagnose
+from fisheye_ep_calib.calibration.assessing.stand_in import StandIn
+from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable, Uncertainty, projection_table
+from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.selecting.outliers import RejectedPoint
 from fisheye_ep_calib.camera import FisheyeCamera
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 
 LENS = "kannala_brandt"  # unless another is asked for, or needed
 FREER_LENS = "kannala_brandt_6"

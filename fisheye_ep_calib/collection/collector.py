@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from fisheye_ep_calib.collection.choice import FrameChoice, first_look, next_look
 from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
 from fisheye_ep_calib.collection.pool import frame_pool
 from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, sizes_differ
 from fisheye_ep_calib.collection.workers import Job
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.planning.image_choice import FrameChoice, first_look, next_look
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
 

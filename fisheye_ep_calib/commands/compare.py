@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.camera_difference import ALIGNMENTS, CameraDifference, camera_difference
+from fisheye_ep_calib.calibration.assessing.camera_difference import ALIGNMENTS, CameraDifference, camera_difference
 from fisheye_ep_calib.commands.reporting import refuse_unusable_report
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.report.comparison import (

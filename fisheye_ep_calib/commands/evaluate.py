@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation, evaluate_camera
 from fisheye_ep_calib.calibration.calibrate import DISC_CENTERS
-from fisheye_ep_calib.calibration.evaluation import Evaluation, evaluate_camera
 from fisheye_ep_calib.commands.reporting import refuse_unusable_report, write_evaluation_report
 from fisheye_ep_calib.commands.sources import add_source_arguments, camera_sources
 from fisheye_ep_calib.errors import InputError

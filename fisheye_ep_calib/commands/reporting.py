@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fisheye_ep_calib.calibration import CalibrationResult
-from fisheye_ep_calib.calibration.evaluation import Evaluation
+from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation
 from fisheye_ep_calib.commands.sources import CameraSource
 from fisheye_ep_calib.commands.summary import verdict
 from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted

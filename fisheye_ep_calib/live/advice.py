@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations
-from fisheye_ep_calib.calibration.diagnosis import RING_DEGREES, diagnose
-from fisheye_ep_calib.calibration.guidance import next_view
+from fisheye_ep_calib.calibration.assessing.diagnosis import RING_DEGREES, diagnose
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.planning.guidance import next_view
 
 REACH = (0.7, 1.0, 1.5)  # distances that are suggested, as multiples of the least, median and largest so far
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
-from fisheye_ep_calib.calibration.uncertainty import projection_uncertainty, pupil_sigma
+from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty, pupil_sigma
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.live.advice import Advice, advise
 from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.view_selection import is_new
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.live.session import CameraSession
 from fisheye_ep_calib.live.view_store import View, view_of
+from fisheye_ep_calib.planning.view_selection import is_new
 from fisheye_ep_calib.rig import stamps_of_names
 from fisheye_ep_calib.rig.synchronisation import simultaneous
 

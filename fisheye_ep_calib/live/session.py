@@ -8,11 +8,11 @@ from enum import Enum
 from pathlib import Path
 
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.view_selection import Novelty, is_new
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.view_store import View, ViewStore, view_of
+from fisheye_ep_calib.planning.view_selection import Novelty, is_new
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.target import Target
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.view_selection import ViewSignature, view_signature
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.live.frame import Sighting
+from fisheye_ep_calib.planning.view_selection import ViewSignature, view_signature
 from fisheye_ep_calib.storage.observation_file import load_observations, save_observations
 from fisheye_ep_calib.target import Target
 

@@ -7,7 +7,7 @@ from os import PathLike
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.camera_difference import CameraDifference
+from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference
 from fisheye_ep_calib.report.models import by_ring, rms
 from fisheye_ep_calib.report.verdict import distance_text
 

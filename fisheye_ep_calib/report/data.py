@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.diagnosis import Finding
-from fisheye_ep_calib.calibration.uncertainty import ProjectionTable
+from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
+from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 
 GOOD, CAUTION, BAD = "good", "caution", "bad"
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations
-from fisheye_ep_calib.calibration.camera_difference import points_on_rays
-from fisheye_ep_calib.calibration.uncertainty import projection_uncertainty
+from fisheye_ep_calib.calibration.assessing.camera_difference import points_on_rays
+from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
 from fisheye_ep_calib.report.data import (
     CameraReport,
     Rejected,

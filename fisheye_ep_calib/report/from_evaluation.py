@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from fisheye_ep_calib.calibration import Observations
-from fisheye_ep_calib.calibration.diagnosis import Finding
-from fisheye_ep_calib.calibration.evaluation import Evaluation
-from fisheye_ep_calib.calibration.uncertainty import ProjectionTable
+from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
+from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation
+from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 from fisheye_ep_calib.report.data import (
     BAD,
     CAUTION,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fisheye_ep_calib.calibration import Observations, diagnosis
-from fisheye_ep_calib.calibration.coverage import azimuth_and_distance, coverage, reachable
+from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.calibration.assessing import diagnosis
+from fisheye_ep_calib.calibration.assessing.coverage import azimuth_and_distance, coverage, reachable
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.report.data import Coverage, Rejected, Residuals, View
 

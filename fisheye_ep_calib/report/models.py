@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
-from fisheye_ep_calib.calibration.camera_difference import CameraDifference
-from fisheye_ep_calib.calibration.diagnosis import NearFarSplit
-from fisheye_ep_calib.calibration.uncertainty import pupil_sigma, radius_sigma
+from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference
+from fisheye_ep_calib.calibration.assessing.diagnosis import NearFarSplit
+from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma, radius_sigma
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.report.data import LensCurve, ModelCurve, NearFar, Parameter
 

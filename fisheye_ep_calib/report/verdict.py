@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
-from fisheye_ep_calib.calibration.diagnosis import Finding
-from fisheye_ep_calib.calibration.uncertainty import ProjectionTable
+from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
+from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 from fisheye_ep_calib.report.data import BAD, CAUTION, GOOD, Verdict
 
 _LARGE_RMS = 1.0  # px; a target that is found well leaves less

@@ -17,16 +17,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.board_warp import WARP_NAMES
-from fisheye_ep_calib.calibration.levenberg_marquardt import Minimum, minimise
-from fisheye_ep_calib.calibration.normal_equations import NormalEquations
+from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import Minimum, minimise
+from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
+from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, predict
+from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss
+from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.prediction import FeatureModel, predict
-from fisheye_ep_calib.calibration.robust import LINEAR, Loss
-from fisheye_ep_calib.calibration.views import ViewBlock, view_blocks
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rotation import moved_poses
+from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.board_warp import WARP_NAMES, board_frame
-from fisheye_ep_calib.calibration.evaluation import evaluate_camera
-from fisheye_ep_calib.calibration.levenberg_marquardt import Minimum
+from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
+from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import Minimum
+from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel
+from fisheye_ep_calib.calibration.estimating.robust import Loss, noise_variance, robust_spread
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.prediction import FeatureModel
-from fisheye_ep_calib.calibration.robust import Loss, noise_variance, robust_spread
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.rig.adjustment import (
@@ -27,6 +26,7 @@ from fisheye_ep_calib.rig.result import RigCalibration, RigPair
 from fisheye_ep_calib.rig.symmetry import no_symmetry, symmetries
 from fisheye_ep_calib.rig.synchronisation import nearest_ns, simultaneous
 from fisheye_ep_calib.rig.uncertainty import of_inverse, pose_covariance
+from fisheye_ep_calib.target.shape.bow import WARP_NAMES, board_frame
 
 USUAL_TOLERANCE = 0.01  # seconds
 _WRONG_VIEW = 8.0  # times the spread: a view whose median residual is larger was taken at another time

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fisheye_ep_calib.calibration.board_warp import board_frame
+from fisheye_ep_calib.target.shape.bow import board_frame
 
 _SAME = 1e-3  # of the distance of nearest neighbours
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.normal_equations import reduced_information, solve_scaled
+from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information, solve_scaled
 from fisheye_ep_calib.rig.adjustment import RigProblem, RigState, evaluate_rig
 
 

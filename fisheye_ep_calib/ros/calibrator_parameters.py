@@ -9,12 +9,12 @@ import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from fisheye_ep_calib.calibration.calibrate import AUTO
-from fisheye_ep_calib.calibration.view_selection import Novelty
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.live.outcome import Outcome, outcome_of_file
 from fisheye_ep_calib.live.session import Limits
 from fisheye_ep_calib.live.settings import CameraSettings, RigSettings, Settings, Tuning
+from fisheye_ep_calib.planning.view_selection import Novelty
 from fisheye_ep_calib.ros.parameter_table import Entry, ParameterTable
 from fisheye_ep_calib.target import Target, load_target
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.target.circle_grid import CircleGrid
+from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 
 PAPER_THETA_MAX = float(np.radians(97.5))
 

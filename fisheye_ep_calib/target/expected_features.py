@@ -8,7 +8,7 @@ import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.rotation import motion_jacobian
-from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
+from fisheye_ep_calib.target.discs.centroid import boundary_directions, curve_centroid
 
 BOUNDARY = 12  # samples of a disc's edge
 FARTHER = 0.15  # rad

@@ -6,11 +6,11 @@ from os import PathLike
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.target.aprilgrid import AprilGrid
 from fisheye_ep_calib.target.base import Target
-from fisheye_ep_calib.target.charuco import Charuco
-from fisheye_ep_calib.target.chessboard import Chessboard
-from fisheye_ep_calib.target.circle_grid import CircleGrid
+from fisheye_ep_calib.target.boards.aprilgrid import AprilGrid
+from fisheye_ep_calib.target.boards.charuco import Charuco
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 from fisheye_ep_calib.target.schema import Keys
 from fisheye_ep_calib.yaml_file import read_yaml
 

@@ -8,7 +8,7 @@ from known_cameras import random_camera, random_rays, ray_points
 
 from fisheye_ep_calib.calibration import calibrate
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target
-from fisheye_ep_calib.target.disc_centroid import boundary_directions, curve_centroid
+from fisheye_ep_calib.target.discs.centroid import boundary_directions, curve_centroid
 
 pytestmark = pytest.mark.filterwarnings("error")
 RADIUS = 0.004

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib.calibration import Observations, calibrate
-from fisheye_ep_calib.calibration.evaluation import evaluate_camera
+from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
 
 pytestmark = pytest.mark.filterwarnings("error")
 

@@ -9,7 +9,7 @@ import pytest
 from known_scenes import BOARD, CAMERA, rows, seen, seen_board
 
 from fisheye_ep_calib.calibration import Observations, calibrate
-from fisheye_ep_calib.calibration.evaluation import evaluate_camera
+from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.simulation import look_pose
 
@@ -185,7 +185,7 @@ def test_evaluation_refuses_another_image_size_and_names_views_without_a_pose(ob
 
 
 def test_a_fit_that_did_not_converge_says_so(observations, monkeypatch) -> None:
-    from fisheye_ep_calib.calibration import fit as fits
+    from fisheye_ep_calib.calibration.estimating import fit as fits
 
     full = fits.adjust
     monkeypatch.setattr(fits, "adjust", lambda *given, **options: full(*given, **{**options, "max_iterations": 1}))

@@ -9,9 +9,9 @@ import pytest
 from known_scenes import CAMERA, seen_board
 
 from fisheye_ep_calib.calibration import calibrate
-from fisheye_ep_calib.calibration.uncertainty import pupil_sigma
+from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 pytestmark = pytest.mark.filterwarnings("error")
 BOARD = Chessboard.create("board", 11, 7, 0.012)  # the paper's grid as points: discs take longer and decide alike

@@ -243,7 +243,7 @@ def test_the_papers_printed_equation_is_compared_but_not_saved(command, observat
 def test_a_fit_that_did_not_converge_exits_1_with_its_best_state_marked(
     command, observation_file, tmp_path, monkeypatch
 ) -> None:
-    from fisheye_ep_calib.calibration import fit
+    from fisheye_ep_calib.calibration.estimating import fit
 
     full = fit.adjust
     monkeypatch.setattr(fit, "adjust", lambda *given, **options: full(*given, **{**options, "max_iterations": 1}))

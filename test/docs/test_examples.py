@@ -12,7 +12,7 @@ import pytest
 
 from fisheye_ep_calib import FisheyeCamera, calibrate, load_camera, save_camera
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 CODE_BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)

@@ -12,7 +12,6 @@ import pytest
 import yaml
 from simulated_rig import NAMES, cameras, errors, place, see, targets_between, write_camera
 
-from fisheye_ep_calib.calibration.view_selection import Novelty
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.frame import Sighting
@@ -23,6 +22,7 @@ from fisheye_ep_calib.live.rig_views import RigViews, common_moments
 from fisheye_ep_calib.live.session import CameraSession, Limits, Verdict
 from fisheye_ep_calib.live.settings import RigSettings
 from fisheye_ep_calib.live.work_pool import WorkPool
+from fisheye_ep_calib.planning.view_selection import Novelty
 from fisheye_ep_calib.simulation import paper_target
 from fisheye_ep_calib.storage.rig_file import load_rig
 from fisheye_ep_calib.target import Detection, parse_target

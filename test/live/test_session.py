@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fisheye_ep_calib.calibration.view_selection import Novelty
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.live import view_store
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.live.outcome import outcome_of_file
 from fisheye_ep_calib.live.session import CameraSession, Limits, Verdict
+from fisheye_ep_calib.planning.view_selection import Novelty
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.target import Detection, parse_target
 

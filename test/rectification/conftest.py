@@ -8,7 +8,7 @@ import pytest
 from fisheye_ep_calib.calibration import CalibrationResult, calibrate
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.simulation import RayTracedCamera, laikin_camera, observe, paper_poses
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ from fisheye_ep_calib.cli import main
 from fisheye_ep_calib.rectification import Rectifier, make_view
 from fisheye_ep_calib.simulation import Imaging, StampedImage, paper_poses, render, write_bag
 from fisheye_ep_calib.storage.camera_file import read_camera_file, save_camera
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 
 @pytest.fixture(scope="module")

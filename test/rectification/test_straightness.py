@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fisheye_ep_calib.calibration.stand_in import single_viewpoint
+from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
 from fisheye_ep_calib.rectification import Rectifier, make_view
 from fisheye_ep_calib.simulation import Imaging, render
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 DISTANCE = 0.12
 COLUMNS, ROWS = 17, 13

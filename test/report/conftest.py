@@ -14,7 +14,7 @@ from fisheye_ep_calib.report.from_calibration import calibration_report
 from fisheye_ep_calib.report.html import report_html
 from fisheye_ep_calib.simulation import observe, paper_poses
 from fisheye_ep_calib.simulation.ray_traced_camera import laikin_camera
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'&$x^2$"
 VIEWS = 12

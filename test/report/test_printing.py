@@ -16,7 +16,7 @@ import pytest
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.report.printing import DOTS_PER_MM, lay_out, ruler_bars, write_target
 from fisheye_ep_calib.target import load_target
-from fisheye_ep_calib.target.circle_grid import CircleGrid
+from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "config" / "targets").glob("*.yaml"))
 

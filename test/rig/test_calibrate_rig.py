@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from simulated_rig import PERIOD_NS, cameras, errors, place, see, targets_between
 
-from fisheye_ep_calib.calibration.stand_in import single_viewpoint
+from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.rig import calibrate_rig
 from fisheye_ep_calib.rig.uncertainty import of_inverse
 from fisheye_ep_calib.rotation import moved_poses
 from fisheye_ep_calib.simulation import paper_target
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 DISCS = paper_target()
 SQUARE = Chessboard.create("square", 7, 7, spacing=0.014)

@@ -11,8 +11,8 @@ from fisheye_ep_calib.rig.pairs import PairPose, pair_pose
 from fisheye_ep_calib.rig.symmetry import no_symmetry, symmetries
 from fisheye_ep_calib.rotation import moved_poses
 from fisheye_ep_calib.simulation import paper_target
-from fisheye_ep_calib.target.chessboard import Chessboard
-from fisheye_ep_calib.target.circle_grid import CircleGrid
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from fisheye_ep_calib.calibration import calibrate
-from fisheye_ep_calib.calibration.stand_in import single_viewpoint
+from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
 from fisheye_ep_calib.rig.triangulation import rays_in, triangulate
 from fisheye_ep_calib.simulation import Imaging, laikin_camera, observe, paper_poses, render
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 
 def test_rays_through_points_meet_in_them() -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from fisheye_ep_calib.simulation import disc_centroids, paper_camera, paper_target, render
 from fisheye_ep_calib.simulation.evaluation_set import VIEW_KINDS, evaluation_set
-from fisheye_ep_calib.target.aprilgrid import AprilGrid
-from fisheye_ep_calib.target.charuco import Charuco
+from fisheye_ep_calib.target.boards.aprilgrid import AprilGrid
+from fisheye_ep_calib.target.boards.charuco import Charuco
 
 needs_aruco = pytest.mark.skipif(not hasattr(cv2, "aruco"), reason="this OpenCV has no aruco")
 

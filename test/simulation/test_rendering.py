@@ -11,8 +11,8 @@ from fisheye_ep_calib.simulation.patterns import pattern
 from fisheye_ep_calib.simulation.rendering import Imaging, render, visible_mask
 from fisheye_ep_calib.simulation.scenes import paper_camera, paper_target
 from fisheye_ep_calib.simulation.truth import feature_pixels
-from fisheye_ep_calib.target.chessboard import Chessboard
-from fisheye_ep_calib.target.circle_grid import CircleGrid
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 
 
 def pose(rotation_vector, middle, target) -> np.ndarray:

@@ -26,7 +26,7 @@ from fisheye_ep_calib.simulation import (
     write_bag,
 )
 from fisheye_ep_calib.storage.recording import open_recording
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 
 def test_look_pose_puts_the_middle_where_it_is_told():

@@ -9,7 +9,7 @@ import numpy as np
 from fisheye_ep_calib.calibration import CalibrationResult, Observations
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.simulation import random_poses
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 BOARD = Chessboard.create("board", 9, 6, 0.02)
 CAMERA = FisheyeCamera(

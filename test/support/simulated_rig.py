@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from fisheye_ep_calib.calibration.stand_in import single_viewpoint
+from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.rig import RigCamera
 from fisheye_ep_calib.rig.symmetry import symmetries

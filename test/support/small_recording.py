@@ -10,7 +10,7 @@ import yaml
 from known_scenes import CAMERA
 
 from fisheye_ep_calib.simulation import Imaging, SimulatedCamera, random_poses, simulate_rig, views_at, write_bag
-from fisheye_ep_calib.target.chessboard import Chessboard
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 TARGET = {"type": "chessboard", "name": "board", "columns": 8, "rows": 6, "spacing": 0.025}
 BOARD = Chessboard.create("board", 8, 6, 0.025)

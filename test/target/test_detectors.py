@@ -10,7 +10,7 @@ from detection_scores import evaluate, same_lattice
 from fisheye_ep_calib.simulation import Imaging, feature_pixels, look_pose, paper_camera, render
 from fisheye_ep_calib.simulation.evaluation_set import evaluation_set
 from fisheye_ep_calib.target import load_target, parse_target
-from fisheye_ep_calib.target.circle_grid import CircleGrid
+from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 
 CAMERA = paper_camera()
 # name of the shipped file, share found after two passes, median error in pixels

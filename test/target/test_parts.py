@@ -8,12 +8,12 @@ import pytest
 from scipy.special import erf, ndtr
 
 from fisheye_ep_calib.target.cells import extrapolate, line_residuals
-from fisheye_ep_calib.target.disc_measurement import measure_discs
+from fisheye_ep_calib.target.corners.saddle_fit import fit_saddles
+from fisheye_ep_calib.target.discs.lattice import grow_lattices
+from fisheye_ep_calib.target.discs.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
+from fisheye_ep_calib.target.discs.measurement import measure_discs
 from fisheye_ep_calib.target.labelling import label_patch
-from fisheye_ep_calib.target.lattice import grow_lattices
-from fisheye_ep_calib.target.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
-from fisheye_ep_calib.target.marker_board import local_quadratics
-from fisheye_ep_calib.target.saddle_fit import fit_saddles
+from fisheye_ep_calib.target.markers.marker_board import local_quadratics
 
 
 def grid(columns: int, rows: int) -> np.ndarray:

@@ -52,7 +52,7 @@ def test_large_discs_in_a_perspective_lens(shared_data):
 
 
 def test_without_calib_targets_a_whole_board_is_still_found(shared_data, monkeypatch, caplog):
-    from fisheye_ep_calib.target import chessboard_detector
+    from fisheye_ep_calib.target.corners import chessboard_detector
 
     monkeypatch.setitem(__import__("sys").modules, "calib_targets", None)
     chessboard_detector._calib_targets.cache_clear()

@@ -10,7 +10,7 @@ import pytest
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.target import load_target, parse_target
-from fisheye_ep_calib.target.charuco import Charuco
+from fisheye_ep_calib.target.boards.charuco import Charuco
 
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "config" / "targets").glob("*.yaml"))
 DISCS = {"type": "circle_grid", "columns": 11, "rows": 7, "spacing": 0.012, "radius": 0.004}

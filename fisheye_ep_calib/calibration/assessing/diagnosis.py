@@ -1,0 +1,232 @@
+"""What the recording could and could not tell, each finding with what to record more of.
+
+No error on the calibration set shows what the set never looked at: hence coverage, depth at large angles, and the
+near/far split, which fits the nearer and the farther half of the views by themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference, camera_difference
+from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
+from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma, uncertainty
+from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, of_images, refine
+from fisheye_ep_calib.camera import FisheyeCamera
+
+RING_DEGREES = 15
+SECTORS = len(SECTOR_NAMES)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One measured property of the recording. values: numbers by name, with the unit in the name.
+
+    concern: whether it limits the calibration. sentence: what it means and what to record more of.
+    """
+
+    name: str
+    values: dict[str, float]
+    concern: bool
+    sentence: str
+
+
+@dataclass(frozen=True)
+class NearFarSplit:
+    """The structure fitted to the nearer and to the farther half of the views, and how the two cameras differ.
+
+    near_m, far_m: median distances of the halves. difference: at infinity, for the field that both have seen.
+    """
+
+    near_m: float
+    far_m: float
+    difference: CameraDifference
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """counts (rings, sectors): sightings by incidence angle and azimuth. reachable: bool, same shape, in the image.
+
+    view_rms_px (V,): RMS of each view. near_far: None where a half determines no camera. findings: in words.
+    """
+
+    counts: np.ndarray
+    reachable: np.ndarray
+    view_rms_px: np.ndarray
+    near_far: NearFarSplit | None
+    findings: tuple[Finding, ...]
+
+
+def diagnose(fit: Fit, camera: FisheyeCamera, names: tuple[str, ...]) -> Diagnosis:
+    """camera: the fitted one with its theta_max. names: of the images."""
+    theta, azimuth, distance = _sighting_geometry(fit)
+    counts = coverage(theta, azimuth, RING_DEGREES, SECTORS)
+    in_image = reachable(camera, len(counts), RING_DEGREES, SECTORS)
+    view_rms = _view_rms(fit)
+    split = split_near_far(fit, distance)
+    findings = [
+        _coverage(counts, in_image),
+        _depth(theta, distance),
+        *([_pupil_against_depth(fit)] if len(camera.coefficients) else []),
+        *([_near_far(split, bool(fit.structure.pupil_terms))] if split else []),
+        _worst_view(fit, view_rms, names),
+        *_hanging_together(uncertainty(fit).clustering),
+    ]
+    return Diagnosis(counts, in_image, view_rms, split, tuple(findings))
+
+
+def _sighting_geometry(fit: Fit):
+    """Incidence angle (rad), azimuth (rad) and distance from the camera (metres) of every sighting used."""
+    used = fit.used
+    seen = azimuth_and_distance(fit.sightings.observations, fit.sightings.images, fit.state.camera_from_target, used)
+    return fit.residuals[1][used], *seen
+
+
+def _coverage(counts: np.ndarray, reachable: np.ndarray) -> Finding:
+    seen = (counts > 0) & reachable
+    share = seen.sum() / max(reachable.sum(), 1)
+    missing = np.argwhere(reachable & (counts == 0))
+    values = {"share_of_field": float(share), "rings": float(len(counts))}
+    if len(missing) == 0:
+        return Finding("coverage", values, False, "every part of the field up to the largest angle seen is covered")
+    ring = int(missing[:, 0].max())
+    sectors = ", ".join(SECTOR_NAMES[sector] for which, sector in missing if which == ring)
+    return Finding(
+        "coverage",
+        values,
+        bool(share < 0.9),
+        f"{100 * share:.0f} % of the field is covered; show the target {RING_DEGREES * ring}–"
+        f"{RING_DEGREES * (ring + 1)}° off the axis ({sectors})",
+    )
+
+
+def _depth(theta: np.ndarray, distance: np.ndarray) -> Finding:
+    """Spread of distance at large angles: what tells a pupil's shift from a longer r(θ)."""
+    outer = distance[theta > 0.75 * theta.max()]
+    near, far = np.quantile(outer, [0.05, 0.95])
+    values = {"nearest_m": float(near), "farthest_m": float(far), "ratio": float(far / near)}
+    told = f"beyond {np.degrees(0.75 * theta.max()):.0f}° the target stood {near:.3f}–{far:.3f} m away"
+    if far / near >= 2:
+        return Finding("depth at large angles", values, False, f"{told}: enough to observe the entrance pupil")
+    return Finding(
+        "depth at large angles",
+        values,
+        True,
+        f"{told}; show it there at half and at twice that distance too, which is what makes the pupil observable",
+    )
+
+
+def _pupil_against_depth(fit: Fit) -> Finding:
+    """Correlation of E near the rim with the mean t_z of the views; shared parameters and poses together."""
+    known = uncertainty(fit)
+    equations, camera = fit.adjustment.equations, fit.state.camera
+    inverse = np.linalg.inv(equations.pose)
+    depth_row = -(inverse @ equations.mixed)[:, 5].mean(axis=0)
+    own = known.sigma_px**2 * inverse[:, 5, 5].sum() / len(inverse) ** 2
+    angle = 0.9 * fit.largest_angle
+    names, _ = fit.shared_parameters
+    row = np.zeros(len(names))
+    basis = camera.pupil_family.basis(np.array(angle), len(camera.coefficients))
+    for term, value in enumerate(basis):
+        row[names.index(f"e{term + 1}")] = value
+    shared = known.shared
+    spread = np.sqrt((row @ shared @ row) * (depth_row @ shared @ depth_row + own))
+    correlation = float(row @ shared @ depth_row / spread) if spread > 0 else 0.0
+    sigma = float(pupil_sigma(camera, known.covariance, np.array(angle)))
+    values = {"theta_deg": float(np.degrees(angle)), "correlation": correlation, "E_sigma_mm": 1e3 * sigma}
+    told = f"E({np.degrees(angle):.0f}°) is known to {1e3 * sigma:.3f} mm and correlates {correlation:+.2f} with depth"
+    concern = abs(correlation) > 0.95
+    advice = "; views nearer to the lens would separate the two" if concern else ": the two are told apart"
+    return Finding("pupil against depth", values, concern, told + advice)
+
+
+def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
+    """Fit the nearer and the farther half of the views by themselves and compare them at infinity.
+
+    distance (n,): metres, of every sighting used. None where a half determines no camera.
+    """
+    observations, used = fit.sightings.observations, fit.used
+    view = np.searchsorted(fit.sightings.images, observations.image_index[used])
+    views = len(fit.sightings.images)
+    mean = np.bincount(view, weights=distance, minlength=views) / np.maximum(np.bincount(view, minlength=views), 1)
+    order = np.argsort(mean, kind="stable")
+    parts = (order[: views // 2], order[views // 2 :])
+    cameras, covariances = [], []
+    for part in parts:
+        images = fit.sightings.images[np.sort(part)]
+        enough = 2 * sum(np.isin(observations.image_index[used], images)) > 2 * fit.problem.shared_size + 12 * len(part)
+        if len(part) < MIN_VIEWS or not enough:
+            return None
+        half = refine(fit, fit.structure, of_images(fit.sightings, images))
+        if not half.adjustment.converged:
+            return None
+        seen = half.largest_angle
+        try:
+            known = uncertainty(half)
+        except np.linalg.LinAlgError:  # half of the views leave something open
+            return None
+        # A model that fails makes residuals hang together: that must not excuse it.
+        covariances.append(known.covariance / known.clustering)
+        cameras.append(replace(half.state.camera, theta_max=seen))
+    near, far = (float(np.median(mean[part])) for part in parts)
+    difference = camera_difference(cameras[0], cameras[1], (np.inf,), (covariances[0], covariances[1]))
+    return NearFarSplit(near, far, difference)
+
+
+def _near_far(split: NearFarSplit, pupil: bool) -> Finding:
+    difference, expected = (
+        float(np.sqrt(np.nanmean(px**2))) for px in (split.difference.length_px, split.difference.sigma_px)
+    )
+    values = {
+        "near_m": split.near_m,
+        "far_m": split.far_m,
+        "difference_px": difference,
+        "expected_px": expected,
+    }
+    told = (
+        f"the near half ({split.near_m:.3f} m) and the far half ({split.far_m:.3f} m) differ by "
+        f"{difference:.3f} px at infinity, {expected:.3f} px expected"
+    )
+    if difference <= 2.5 * expected:
+        return Finding("near/far split", values, False, f"{told}: the camera holds at every distance recorded")
+    return Finding(
+        "near/far split",
+        values,
+        True,
+        f"{told}: an error hides at the distances recorded and shows at others; "
+        + (
+            "check that the target is flat and record more views, near and far"
+            if pupil
+            else "let a pupil be estimated (--model auto), or record only at the distance of use"
+        ),
+    )
+
+
+def _view_rms(fit: Fit) -> np.ndarray:
+    observations, used = fit.sightings.observations, fit.used
+    error, _, _ = fit.residuals
+    square = (error[used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
+    view = np.searchsorted(fit.sightings.images, observations.image_index[used])
+    views = len(fit.sightings.images)
+    count = np.maximum(np.bincount(view, minlength=views), 1)
+    return np.sqrt(np.bincount(view, weights=square, minlength=views) / count)
+
+
+def _hanging_together(clustering: float) -> list[Finding]:
+    if clustering == 1:
+        return []
+    wider = float(np.sqrt(clustering))
+    told = f"the points of a view err together: bands are {wider:.1f} times as wide as their scatter alone would give"
+    return [Finding("errors that hang together", {"widening": wider}, False, told)]
+
+
+def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...]) -> Finding:
+    worst, middle = int(np.argmax(view_rms)), float(np.median(view_rms))
+    name = names[int(fit.sightings.images[worst])]
+    values = {"rms_px": float(view_rms[worst]), "median_rms_px": middle, "image": float(fit.sightings.images[worst])}
+    told = f"the worst view is {name}: {view_rms[worst]:.3f} px, where the middle one has {middle:.3f} px"
+    if view_rms[worst] <= 2.5 * max(middle, 1e-9):
+        return Finding("worst view", values, False, f"{told}: none stands out")
+    return Finding("worst view", values, True, f"{told}; look at it for blur or a bent target, or record it again")

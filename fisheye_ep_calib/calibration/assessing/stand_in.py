@@ -1,0 +1,112 @@
+"""The single-viewpoint stand-in: what a consumer of plain CameraInfo gets, and what it loses by distance.
+
+It is the Kannala–Brandt camera without skew that comes nearest, over the image, to the full camera for points at
+one distance; at infinity a pupil shift has no effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from fisheye_ep_calib.calibration.assessing.camera_difference import SAME_PIXEL, points_on_rays
+from fisheye_ep_calib.camera import FAR, FisheyeCamera
+from fisheye_ep_calib.errors import CalibrationError, InputError
+
+LOSS_DISTANCES = (0.1, 0.3, 1.0, 10.0)  # metres
+_GRID = 25  # pixels a side at which the two cameras are compared
+_LEAST_POINTS = 0.5  # of the grid's pixels that have a ray
+_NOT_PINHOLE = 1e-12  # consumers read D = 0 as "no distortion at all", a pinhole
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """camera: central, no skew, no extras. distance: metres, for which it was fitted.
+
+    loss_px: RMS pixel error of the stand-in over the image, by distance in metres.
+    """
+
+    camera: FisheyeCamera
+    distance: float
+    loss_px: dict[float, float]
+
+
+def single_viewpoint(camera: FisheyeCamera, distance: float = np.inf) -> StandIn:
+    """Fit the stand-in for points at a distance (metres, may be infinite) from the camera frame's origin."""
+    pixels, points = _points_over_image(camera, distance)
+    if len(points) < _LEAST_POINTS * len(_points_over_image(camera, np.inf)[0]):
+        raise CalibrationError(
+            f"the camera sees hardly a point at {distance:g} m, nearer than its entrance pupil moves: "
+            "choose a larger --svp-distance"
+        )
+    start = FisheyeCamera(
+        camera.image_size,
+        camera.fx,
+        camera.fy,
+        camera.cx,
+        camera.cy,
+        radial=camera.radial if camera.lens == "kannala_brandt" else (0.0, 0.0, 0.0, 0.0),
+    )
+    free = np.array([name != "skew" for name in start.parameter_names])
+    scale = np.where(np.arange(free.sum()) < 4, camera.fx, 1.0)
+
+    def trial(values):
+        parameters = start.parameters.copy()
+        parameters[free] = values * scale
+        return start.with_parameters(parameters)
+
+    def error(values):
+        try:
+            return (_project(trial(values), points) - pixels).ravel()
+        except InputError:  # a step too far, to no camera at all
+            return np.full(pixels.size, 1e6)
+
+    def jacobian(values):
+        _, _, _, d_parameters = trial(values).project_with_jacobian(points)
+        return d_parameters[..., free].reshape(-1, int(free.sum())) * scale
+
+    found = least_squares(error, start.parameters[free] / scale, jacobian, method="lm", xtol=1e-14, ftol=1e-14)
+    best = trial(found.x)
+    if not any(best.radial):
+        best = best.with_parameters(np.where(np.array(best.parameter_names) == "k1", _NOT_PINHOLE, best.parameters))
+    losses = {}
+    for loss_distance in LOSS_DISTANCES:
+        pixels, points = _points_over_image(camera, loss_distance)
+        square = ((_project(best, points) - pixels) ** 2).sum(axis=-1)
+        losses[loss_distance] = float(np.sqrt(square.mean())) if len(square) else float("nan")
+    return StandIn(best, float(distance), losses)
+
+
+def _project(camera: FisheyeCamera, points: np.ndarray) -> np.ndarray:
+    return camera.project(points)[0]
+
+
+def _field(camera: FisheyeCamera) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest pixel (2,) of the part of the image within theta_max, which may be small."""
+    azimuth = np.radians(np.arange(0, 360, 5))
+    theta = 0.999 * camera.theta_limit
+    rim = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta) + 0 * azimuth], -1)
+    pixels = _project(camera, FAR * rim)
+    last = np.array(camera.image_size) - 1.0
+    return np.clip(pixels.min(axis=0), 0, last), np.clip(pixels.max(axis=0), 0, last)
+
+
+def _points_over_image(camera: FisheyeCamera, distance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (n, 2) over the image and the points (n, 3) seen there at a distance from the origin, metres.
+
+    At infinity the points are unit directions, projected by a central camera alone.
+    """
+    low, high = _field(camera)
+    u, v = np.meshgrid(np.linspace(low[0], high[0], _GRID), np.linspace(low[1], high[1], _GRID))
+    pixels = np.stack([u.ravel(), v.ravel()], axis=-1)
+    origins, directions, valid = camera.unproject(pixels)
+    if np.isinf(distance):
+        return pixels[valid], directions[valid]
+    points, seen = points_on_rays(origins, directions, np.asarray(distance))
+    # Very near, several rays may pass through a point.
+    back, seen_back = camera.project(points)
+    with np.errstate(invalid="ignore"):
+        valid &= seen & seen_back & (np.abs(back - pixels).max(axis=-1) < SAME_PIXEL)
+    return pixels[valid], points[valid]

@@ -1,0 +1,163 @@
+"""What the calibration does not know: covariance of its parameters, bands for E(θ) and r(θ), projection error.
+
+Cov = σ² I⁻¹ with I the information on the shared parameters once every pose is free, and σ² the residuals' sum of
+squares over the degrees of freedom, or what robust.noise_variance puts in its place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information, solve_scaled, view_clustering
+from fisheye_ep_calib.calibration.estimating.prediction import predict
+from fisheye_ep_calib.calibration.estimating.robust import noise_variance
+from fisheye_ep_calib.camera import FAR, FisheyeCamera
+from fisheye_ep_calib.rotation import motion_jacobian
+
+_SURE = 3.0  # standard errors beyond which residuals are taken to hang together
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """sigma_px: noise of one coordinate. covariance (P, P): of camera.parameters, zero where fixed.
+
+    clustering: by how much the residuals of a view, which hang together, raise the covariances; 1 where they do not.
+    shared (S, S): the same with the board warp, only what was estimated. gauge (6, S): the rigid motion of all
+    boards, (ω, t) rad and metres, that best makes up for a change of the shared parameters.
+    """
+
+    sigma_px: float
+    covariance: np.ndarray
+    shared: np.ndarray
+    gauge: np.ndarray
+    clustering: float = 1.0
+
+
+def uncertainty(fit: Fit) -> Uncertainty:
+    """Of a converged fit."""
+    equations = fit.adjustment.equations
+    variance, weight = noise_variance(fit.problem.loss, fit.weighted_square, fit.degrees_of_freedom)
+    information = reduced_information(equations) / weight
+    clustering = _clustering(fit, variance)
+    shared = clustering * variance * solve_scaled(information, np.eye(len(information)))
+    shared = 0.5 * (shared + shared.T)
+    free = np.flatnonzero(fit.problem.free)
+    covariance = np.zeros((len(fit.problem.free),) * 2)
+    covariance[np.ix_(free, free)] = shared[: len(free), : len(free)]
+    return Uncertainty(float(np.sqrt(variance)), covariance, shared, _gauge(fit), clustering)
+
+
+def _clustering(fit: Fit, variance: float) -> float:
+    """What multiplies the covariances where residuals of a view are surely not independent, else 1.
+
+    A board that is not quite as its file says, or light that pulls all features one way, moves a view's points
+    together: their number then promises more than they tell.
+    """
+    if fit.problem.loss.kind != "linear" or fit.problem.shared_size == 0:
+        return 1.0
+    ratio, sigma = view_clustering(fit.adjustment.equations, variance)
+    return ratio if ratio > 1 + _SURE * sigma else 1.0
+
+
+def _gauge(fit: Fit) -> np.ndarray:
+    """(6, S): minus the least-squares motion that a change of the shared parameters looks like in the images.
+
+    Every residual's derivative by a motion p → p + ω × p + t of the camera frame is ∂pixel/∂p [−[p]×, I].
+    """
+    motion, mixed = np.zeros((6, 6)), np.zeros((6, fit.problem.shared_size))
+    free = np.flatnonzero(fit.problem.free)
+    for block in fit.problem.blocks:
+        poses = fit.state.camera_from_target[block.views]
+        found = predict(
+            fit.state.camera,
+            fit.problem.features,
+            fit.state.board_warp,
+            poses,
+            block,
+            fit.problem.theta_limit,
+            jacobian=True,
+            warp_jacobian=fit.problem.warp_free,
+        )
+        # d_pose turns about the board's middle c; turning about the camera's origin adds c × ∂pixel/∂p.
+        columns = found.d_pose * block.weights
+        middle = poses[:, :3, :3] @ fit.problem.features.board.middle + poses[:, :3, 3]
+        offset, d_point = middle[..., None], columns[:, 3:]
+        turn = columns[:, :3].copy()
+        for axis in range(3):
+            after, last = (axis + 1) % 3, (axis + 2) % 3
+            turn[:, axis] += offset[:, after] * d_point[:, last] - offset[:, last] * d_point[:, after]
+        columns[:, :3] = turn
+        shared = [found.d_camera[:, free]] + ([found.d_warp] if fit.problem.warp_free else [])
+        shared_columns = np.concatenate(shared, axis=1) * block.weights
+        motion += np.einsum("caij,cbij->ab", columns, columns, optimize=True)
+        mixed += np.einsum("caij,cbij->ab", columns, shared_columns, optimize=True)
+    return -solve_scaled(motion, mixed)
+
+
+def pupil_sigma(camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Standard deviation of E(θ), metres, shape of θ (rad): √(bᵀ Cov_e b) with b the family's basis."""
+    part = camera.parameter_slice("coefficients")
+    basis = camera.pupil_family.basis(np.asarray(theta, dtype=float), len(camera.coefficients))
+    return _band(basis, covariance[part, part])
+
+
+def radius_sigma(camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Standard deviation of fx r(θ), px, shape of θ (rad)."""
+    theta = np.asarray(theta, dtype=float)
+    part = camera.parameter_slice("radial")
+    columns = np.arange(len(camera.parameters))[part]
+    rows = np.concatenate(
+        [camera.radius(theta)[None], camera.fx * camera.lens_model.radius_jacobian(theta, camera.radial_array)]
+    )
+    index = np.concatenate([[0], columns])
+    return _band(rows, covariance[np.ix_(index, index)])
+
+
+def _band(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """√(rowsᵀ Cov rows) for rows (n, *S)."""
+    return np.sqrt(np.maximum(np.einsum("i...,ij,j...->...", rows, covariance, rows), 0.0))
+
+
+TABLE_DISTANCES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
+_TABLE_STEP = 10  # degrees
+
+
+@dataclass(frozen=True)
+class ProjectionTable:
+    """sigma_px (angles, distances): projection uncertainty at theta_deg (angles,) and distance_m (distances,)."""
+
+    theta_deg: np.ndarray
+    distance_m: np.ndarray
+    sigma_px: np.ndarray
+
+
+def projection_table(camera: FisheyeCamera, known: Uncertainty, free: np.ndarray) -> ProjectionTable:
+    """Projection uncertainty by angle and distance, RMS over eight azimuths."""
+    degrees = np.arange(0, int(np.degrees(camera.theta_limit)) + 1, _TABLE_STEP)
+    azimuth = np.radians(np.arange(0, 360, 45))
+    distances = np.array(TABLE_DISTANCES)
+    theta, turn, distance = np.meshgrid(np.radians(degrees), azimuth, np.minimum(distances, FAR), indexing="ij")
+    directions = np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn), np.cos(theta)], axis=-1)
+    points = directions * distance[..., None]
+    points[..., 2] -= camera.entrance_pupil(theta)
+    sigma = projection_uncertainty(camera, known, free, points)
+    return ProjectionTable(degrees, distances, np.sqrt((sigma**2).mean(axis=1)))
+
+
+def projection_uncertainty(
+    camera: FisheyeCamera, known: Uncertainty, free: np.ndarray, points: np.ndarray
+) -> np.ndarray:
+    """Standard deviation (...), px per axis, of the pixels of points (..., 3) in the camera frame, metres.
+
+    The boards that fixed the camera define the frame: a change of parameters that only moves all of them rigidly is
+    no error of the camera, so the gauge's motion is taken along (as in mrcal's projection uncertainty).
+    """
+    _, _, d_point, d_parameters = camera.project_with_jacobian(points)
+    motion = d_point @ motion_jacobian(points)
+    columns = motion @ known.gauge
+    columns[..., : int(free.sum())] += d_parameters[..., free]
+    covariance = columns @ known.shared @ np.swapaxes(columns, -1, -2)
+    return np.sqrt(np.maximum(0.5 * np.trace(covariance, axis1=-2, axis2=-1), 0.0))

@@ -1,0 +1,1 @@
+"""Observations → camera, poses and the target's shape: first guess and bundle adjustment."""

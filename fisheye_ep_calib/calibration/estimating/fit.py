@@ -1,0 +1,290 @@
+"""One fit: the paper's three steps for one structure of the camera.
+
+(i) the sightings, (ii) focal length and poses from nothing (initialization.py), refined as a plain Kannala–Brandt
+camera, (iii) everything else from zero, all refined together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.adjustment import (
+    Adjustment,
+    AdjustmentProblem,
+    AdjustmentState,
+    adjust,
+    residuals,
+)
+from fisheye_ep_calib.calibration.estimating.initialization import initial_guess
+from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import CONVERGED
+from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel
+from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss, robust_spread
+from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
+from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.calibration.structure import LENS, Structure
+from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.target.shape.bow import WARP_NAMES, board_frame
+
+MIN_VIEWS = 3
+MIN_POINTS = 4  # sightings a view needs for its pose
+_ON_A_LINE = 1e-6  # variance of a view's points across, over that along; such a view may turn about its line
+_AT_THE_LIMIT = 0.98  # of the largest angle allowed: a fit that comes so near may be held there
+_FAR_OFF = 1e-3  # of the image: a median residual above it lets other first guesses be tried
+_ROUGH = 1e-2  # tolerance of the stage that only serves as a start
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """Observations made ready for fitting. images (V,): the image numbers of the pose array."""
+
+    observations: Observations
+    images: np.ndarray
+    blocks: tuple[ViewBlock, ...]
+    features: FeatureModel
+    loss: Loss = LINEAR
+
+    @cached_property
+    def point_count(self) -> int:
+        return int(sum((block.weights > 0).sum() for block in self.blocks))
+
+    @cached_property
+    def usual_weight(self) -> float:
+        """What turns pixels into the unit of weighted residuals; weights may be 1/σ."""
+        weights = self.observations.weights
+        return float(np.median(weights[weights > 0]))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted structure."""
+
+    structure: Structure
+    sightings: Sightings
+    problem: AdjustmentProblem
+    adjustment: Adjustment
+
+    @property
+    def state(self) -> AdjustmentState:
+        return self.adjustment.state
+
+    @property
+    def rms_px(self) -> float:
+        """√ mean(dx² + dy²) of the weighted residuals over the points used."""
+        if self.problem.loss.kind == "linear":
+            return float(np.sqrt(2 * self.adjustment.equations.cost / self.sightings.point_count))
+        return float(np.sqrt(self.weighted_square.mean()))
+
+    @property
+    def weighted_square(self) -> np.ndarray:
+        """Squared lengths (n,), px², of the weighted residuals of the points used."""
+        return weighted_square(self.residuals[0], self.sightings.observations.weights)
+
+    @property
+    def median_px(self) -> float:
+        """Median length of the residuals of the points used, in pixels whatever the unit of the weights."""
+        return float(np.sqrt(np.median(self.weighted_square))) / self.sightings.usual_weight
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        return 2 * self.sightings.point_count - 6 * len(self.sightings.images) - self.problem.shared_size
+
+    @property
+    def shared_parameters(self) -> tuple[tuple[str, ...], np.ndarray]:
+        """Names and values (S,) of the estimated camera parameters and, where estimated, the board warp."""
+        camera = self.state.camera
+        names = [name for name, free in zip(camera.parameter_names, self.problem.free, strict=True) if free]
+        values = camera.parameters[self.problem.free]
+        if not self.problem.warp_free:
+            return tuple(names), values
+        return (*names, *WARP_NAMES), np.concatenate([values, self.state.board_warp])
+
+    @cached_property
+    def residuals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Predicted minus measured pixels (M, 2), incidence angles (M,) rad, validity (M,), by observation row."""
+        return residuals(self.problem, self.state, len(self.sightings.observations.pixels))
+
+    @property
+    def used(self) -> np.ndarray:
+        """Which observation rows (M,) the fit rests on."""
+        return self.residuals[2] & (self.sightings.observations.weights > 0)
+
+    @property
+    def largest_angle(self) -> float:
+        """The largest incidence angle of a sighting used, rad."""
+        return float(self.residuals[1][self.used].max())
+
+
+def weighted_square(error: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Squared lengths (n,) of weighted residuals, from errors (M, 2) px and weights (M,), of those that are used."""
+    square = (error**2).sum(axis=-1) * weights**2
+    return square[(weights > 0) & np.isfinite(square)]
+
+
+def sightings_of(observations: Observations, disc_centers: str = "unbiased") -> Sightings:
+    """The images with enough sightings for a pose.
+
+    disc_centers: "unbiased" predicts centres of gravity of projected discs, "naive" images of their centres.
+    """
+    images = _images_with_points(observations)
+    radius = observations.disc_radius if disc_centers == "unbiased" else None
+    features = FeatureModel(board_frame(observations.object_points), radius)
+    return Sightings(observations, images, view_blocks(observations, images), features)
+
+
+def prepare(observations: Observations, disc_centers: str = "unbiased") -> Sightings:
+    """``sightings_of`` for a calibration. Raises CalibrationError where too few images remain."""
+    sightings = sightings_of(observations, disc_centers)
+    if len(sightings.images) < MIN_VIEWS:
+        raise CalibrationError(
+            f"{_count(len(sightings.images), 'view has', 'views have')} at least {MIN_POINTS} points, not on one line; "
+            f"at least {MIN_VIEWS} are needed, and 20 or more for a good calibration: record more views"
+        )
+    return sightings
+
+
+def with_weights(sightings: Sightings, weights: np.ndarray) -> Sightings:
+    """The same sightings under other weights (M,); views that lose too many points are left out."""
+    observations = replace(sightings.observations, weights=weights)
+    images = _images_with_points(observations)
+    if len(images) < MIN_VIEWS:
+        raise CalibrationError(
+            f"only {_count(len(images), 'view remains', 'views remain')} once wrong points are left out; "
+            "check that the target file describes the board in the images"
+        )
+    return replace(sightings, observations=observations, images=images, blocks=view_blocks(observations, images))
+
+
+def of_images(sightings: Sightings, images: np.ndarray) -> Sightings:
+    """Some of the images alone; observation rows keep their places."""
+    return replace(sightings, images=images, blocks=view_blocks(sightings.observations, images))
+
+
+def why_no_pose(observations: Observations, image: int) -> str:
+    """Why ``sightings_of`` left out an image that was observed."""
+    count = int(((observations.image_index == image) & (observations.weights > 0)).sum())
+    return f"fewer than {MIN_POINTS} points" if count < MIN_POINTS else "its points lie on one line"
+
+
+def _images_with_points(observations: Observations) -> np.ndarray:
+    """Image numbers (V,), sorted, of the images with enough points for a pose, not all of them on one line."""
+    used = observations.weights > 0
+    images, view, counts = np.unique(observations.image_index[used], return_inverse=True, return_counts=True)
+    points = observations.object_points[observations.point_index[used]]
+    points = points - observations.object_points.mean(axis=0)
+    scatter = np.empty((len(images), 3, 3))
+    middle = np.stack([np.bincount(view, points[:, i]) for i in range(3)], axis=-1) / counts[:, None]
+    for i in range(3):
+        for j in range(i + 1):
+            products = np.bincount(view, points[:, i] * points[:, j]) / counts
+            scatter[:, i, j] = scatter[:, j, i] = products - middle[:, i] * middle[:, j]
+    spread = np.linalg.eigvalsh(scatter)
+    return images[(counts >= MIN_POINTS) & (spread[:, 1] > _ON_A_LINE * spread[:, 2])]
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
+
+
+def first_fit(sightings: Sightings, lens: str = LENS, robust: bool = False) -> Fit:
+    """Steps (i) and (ii): a rough plain camera and poses with nothing known beforehand.
+
+    robust: under a Cauchy loss whose scale follows the median residual, for sightings with gross errors.
+    """
+    fit = _first_fit(sightings, lens, robust)
+    if fit.median_px < _FAR_OFF * max(sightings.observations.image_size):
+        return fit
+    return min(fit, _first_fit(sightings, lens, robust, wide=True), key=lambda one: one.median_px)
+
+
+def _first_fit(sightings: Sightings, lens: str, robust: bool, wide: bool = False) -> Fit:
+    observations = sightings.observations
+    guess = initial_guess(
+        sightings.blocks, sightings.features.board, observations.image_size, len(sightings.images), robust, wide
+    )
+    structure = Structure("kannala", lens=lens, skew=False)
+    camera = structure.camera(observations.image_size, guess.focal_lengths, guess.centre)
+    state = AdjustmentState(camera, guess.camera_from_target)
+    # Naive centres of discs serve well enough for a start.
+    features = replace(sightings.features, disc_radius=None)
+    problem = AdjustmentProblem(sightings.blocks, features, structure.free(camera))
+    if not robust:
+        return Fit(structure, sightings, problem, adjust(problem, state, max_iterations=30, tolerance=_ROUGH))
+    for _ in range(3):
+        problem = _cauchy(problem, state, observations)
+        found = adjust(problem, state, max_iterations=30, tolerance=_ROUGH)
+        state = found.state
+    return Fit(structure, sightings, problem, found)
+
+
+def _cauchy(problem: AdjustmentProblem, state: AdjustmentState, observations: Observations) -> AdjustmentProblem:
+    """The problem under a Cauchy loss at the scale of its present residuals."""
+    error, _, _ = residuals(problem, state, len(observations.pixels))
+    spread = robust_spread(np.sqrt(weighted_square(error, observations.weights)))
+    return replace(problem, loss=Loss("cauchy", max(2 * spread, 1e-6)))
+
+
+def refine(
+    start: Fit,
+    structure: Structure,
+    sightings: Sightings | None = None,
+    loss: Loss | None = None,
+    tolerance: float = CONVERGED,
+) -> Fit:
+    """Step (iii): fit a structure from where another one ended, to convergence.
+
+    sightings, loss: default to the start's sightings and to theirs. tolerance: on the cost (levenberg_marquardt.py).
+    """
+    sightings = sightings or start.sightings
+    problem, state = opened(start, structure, sightings, loss)
+    unknowns = problem.shared_size + 6 * len(sightings.images)
+    if 2 * sightings.point_count <= unknowns:
+        raise CalibrationError(
+            f"{sightings.point_count} points give {2 * sightings.point_count} equations for {unknowns} unknowns: "
+            "record more views or views with more of the target's points"
+        )
+    return adjusted(structure, sightings, problem, state, tolerance)
+
+
+def opened(
+    start: Fit, structure: Structure, sightings: Sightings, loss: Loss | None = None
+) -> tuple[AdjustmentProblem, AdjustmentState]:
+    """A structure's problem and the state in which another's fit leaves it: what both share, the rest zero.
+
+    sightings: the start's, or some of its images. loss: defaults to the sightings'.
+    """
+    state = start.state
+    camera = structure.camera_like(state.camera)
+    position = np.searchsorted(start.sightings.images, sightings.images)
+    poses = state.camera_from_target[position]
+    warp = state.board_warp if structure.board_warp else np.zeros(len(WARP_NAMES))
+    theta = start.residuals[1]
+    problem = AdjustmentProblem(
+        sightings.blocks,
+        replace(sightings.features, target_axis=structure.target_axis),
+        structure.free(camera),
+        structure.board_warp,
+        theta_limit=float(min(np.pi, 1.2 * np.nanmax(theta) + 0.1)),
+        loss=loss or sightings.loss,
+    )
+    return problem, AdjustmentState(camera, poses, warp)
+
+
+def adjusted(
+    structure: Structure,
+    sightings: Sightings,
+    problem: AdjustmentProblem,
+    state: AdjustmentState,
+    tolerance: float = CONVERGED,
+) -> Fit:
+    """Adjust to convergence, with a wider limit of the incidence angle where the fit comes near it.
+
+    A start far from the truth (pixels that are not square, a centre far off) may have set the limit too low.
+    """
+    fit = Fit(structure, sightings, problem, adjust(problem, state, tolerance=tolerance))
+    while problem.theta_limit < np.pi and np.nanmax(fit.residuals[1]) > _AT_THE_LIMIT * problem.theta_limit:
+        problem = replace(problem, theta_limit=float(min(np.pi, 1.2 * problem.theta_limit + 0.1)))
+        fit = Fit(structure, sightings, problem, adjust(problem, fit.state, tolerance=tolerance))
+    return fit

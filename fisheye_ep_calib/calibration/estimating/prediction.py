@@ -1,0 +1,136 @@
+"""What a camera predicts for a block of views, and its Jacobian by pose, camera and board warp.
+
+P ← P + (Σ_i warp_i shape_i(P)) e_z      the target's bow, target frame (board_warp.py)
+p = R P + t                              camera frame
+feature = project(p), or the centre of gravity of the projected disc around P
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.target_axis import project_along_target_axis
+from fisheye_ep_calib.calibration.estimating.views import ViewBlock
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.projection import not_computed, project_coordinates
+from fisheye_ep_calib.target.discs.centroid import boundary_directions, curve_centroid
+from fisheye_ep_calib.target.shape.bow import BoardFrame
+
+_BOUNDARY_SAMPLES = 8  # the centroid is then right to 1e-6 px
+
+
+@dataclass(frozen=True)
+class FeatureModel:
+    """What the sightings are. disc_radius: metres, None where they are points. board: frame of warp and discs.
+
+    target_axis: move points along the target's axis, as the paper's equation is printed.
+    """
+
+    board: BoardFrame
+    disc_radius: float | None = None
+    target_axis: bool = False
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """pixels (2, B, N); valid (B, N); theta (B, N) rad of the point, the mean over a disc's boundary.
+
+    d_pose (2, 6, B, N): by (ω, δt) of a pose that turns about the board's middle (rotation.moved_poses): about an
+    origin metres away, the least turn would carry the board off. d_camera (2, P, B, N): by camera.parameters.
+    d_warp (2, 3, B, N).
+    """
+
+    pixels: np.ndarray
+    valid: np.ndarray
+    theta: np.ndarray
+    d_pose: np.ndarray = field(default_factory=not_computed)
+    d_camera: np.ndarray = field(default_factory=not_computed)
+    d_warp: np.ndarray = field(default_factory=not_computed)
+
+
+def predict(
+    camera: FisheyeCamera,
+    features: FeatureModel,
+    board_warp: np.ndarray,
+    camera_from_target: np.ndarray,
+    block: ViewBlock,
+    theta_limit: float,
+    jacobian: bool = False,
+    warp_jacobian: bool = False,
+) -> Prediction:
+    """Predict every sighting of a block. camera_from_target (B, 4, 4) belongs to the block's views."""
+    points = block.object_points
+    if features.disc_radius is None:
+        return _predict_points(
+            camera, features, board_warp, camera_from_target, points, theta_limit, jacobian, warp_jacobian
+        )
+    edge = features.disc_radius * boundary_directions(_BOUNDARY_SAMPLES) @ features.board.axes[:, :2].T
+    boundary = points[:, None] + np.moveaxis(edge, -1, 0)[:, :, None, None]
+    found = _predict_points(
+        camera, features, board_warp, camera_from_target, boundary, theta_limit, jacobian, warp_jacobian
+    )
+    pixels, d_samples = curve_centroid(found.pixels[0], found.pixels[1])
+    valid, theta = np.all(found.valid, axis=0), found.theta.mean(axis=0)
+    if not jacobian:
+        return Prediction(pixels, valid, theta)
+    return Prediction(
+        pixels,
+        valid,
+        theta,
+        _contract(d_samples, found.d_pose),
+        _contract(d_samples, found.d_camera),
+        _contract(d_samples, found.d_warp) if warp_jacobian else not_computed(),
+    )
+
+
+def _contract(d_samples: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Chain rule: (2, 2, K, B, N) by (2, Q, K, B, N) over coordinate and sample, giving (2, Q, B, N)."""
+    result = np.empty((2, columns.shape[1], *columns.shape[3:]))
+    for out in range(2):
+        for column in range(columns.shape[1]):
+            result[out, column] = (d_samples[out, 0] * columns[0, column] + d_samples[out, 1] * columns[1, column]).sum(
+                axis=0
+            )
+    return result
+
+
+def _predict_points(
+    camera, features, board_warp, camera_from_target, points, theta_limit, jacobian, warp_jacobian
+) -> Prediction:
+    """Points (3, ..., B, N) in the target frame through poses (B, 4, 4)."""
+    shapes = not_computed()
+    if warp_jacobian or np.any(board_warp):
+        shapes = features.board.warp_shapes(points)
+        height = np.tensordot(board_warp, shapes, axes=1)
+        points = points + features.board.axes[:, 2].reshape(3, *[1] * height.ndim) * height
+    rotation = camera_from_target[:, :3, :3, None]
+    offset = camera_from_target[:, :3, 3, None]
+    rotated = [
+        rotation[:, i, 0] * points[0] + rotation[:, i, 1] * points[1] + rotation[:, i, 2] * points[2] for i in range(3)
+    ]
+    x, y, z = (rotated[i] + offset[:, i] for i in range(3))
+    normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
+    if features.target_axis:
+        found, moved = project_along_target_axis(camera, x, y, z, normal.T, theta_limit, jacobian)
+        rotated = [rotated[i] + moved[i] for i in range(3)]
+    else:
+        found = project_coordinates(camera, x, y, z, theta_limit, jacobian)
+    pixels = np.stack([found.u, found.v])
+    if not jacobian:
+        return Prediction(pixels, found.valid, found.theta)
+    d_point = found.d_point
+    middle = (camera_from_target[:, :3, :3] @ features.board.middle).T[..., None]
+    arms = [rotated[i] - middle[i] for i in range(3)]
+    d_pose = np.empty((2, 6, *found.u.shape))
+    for row in range(2):
+        d_pose[row, 0] = arms[1] * d_point[row, 2] - arms[2] * d_point[row, 1]
+        d_pose[row, 1] = arms[2] * d_point[row, 0] - arms[0] * d_point[row, 2]
+        d_pose[row, 2] = arms[0] * d_point[row, 1] - arms[1] * d_point[row, 0]
+    d_pose[:, 3:] = d_point
+    d_warp = not_computed()
+    if warp_jacobian:
+        along = (d_point * normal.T.reshape(3, *[1] * (points.ndim - 3), -1, 1)).sum(axis=1)
+        d_warp = along[:, None] * shapes
+    return Prediction(pixels, found.valid, found.theta, d_pose, found.d_parameters, d_warp)

@@ -1,0 +1,1 @@
+"""Which sightings and which structure of the camera the data support."""

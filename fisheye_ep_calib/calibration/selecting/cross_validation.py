@@ -1,0 +1,110 @@
+"""k-fold cross-validation over views: how well a camera predicts boards that it was not fitted to.
+
+For each fold the camera is fitted to the other views; then, with that camera frozen, the fold's poses alone are
+refitted and the residuals counted. Random halves of one set do not show an error that all distances share:
+diagnosis.py splits near against far for that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.adjustment import Adjustment, adjust, residuals, stepped
+from fisheye_ep_calib.calibration.estimating.fit import Fit, of_images, weighted_square
+from fisheye_ep_calib.calibration.estimating.normal_equations import ALMOST_UNDAMPED, solve_damped
+
+FOLDS = 5
+_FAR_STEP = 0.02  # share of the cost: a larger step than this is followed by further ones
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """square (K,): sums of squared held-out residuals of each fold, px²; count (K,): points in each.
+
+    loss (K,): sums of their loss ρ, px². It is what models are compared by; but for a robust loss it is ``square``.
+    """
+
+    square: np.ndarray
+    loss: np.ndarray
+    count: np.ndarray
+
+    @property
+    def rms_px(self) -> float:
+        return float(np.sqrt(self.square.sum() / self.count.sum()))
+
+    @property
+    def mean_loss(self) -> float:
+        """px² a point."""
+        return float(self.loss.sum() / self.count.sum())
+
+    def fold_log_ratios(self, other: CrossValidation) -> np.ndarray:
+        """½ ln(own / other loss) of each fold (K,); negative where this one is better."""
+        return 0.5 * np.log(np.maximum(self.loss, 1e-300) / np.maximum(other.loss, 1e-300))
+
+    def log_ratio(self, other: CrossValidation) -> tuple[float, float]:
+        """Mean of ``fold_log_ratios`` and its standard error.
+
+        Ratios a fold, not differences: one fold may hold the close-ups and with them all of the difference.
+        """
+        ratio = self.fold_log_ratios(other)
+        return float(ratio.mean()), float(ratio.std(ddof=1) / np.sqrt(len(ratio)))
+
+
+def fold_of_view(views: int, folds: int = FOLDS) -> np.ndarray:
+    """Fold number (V,) of each view: a fixed shuffle, so that folds do not follow the recording."""
+    number = np.empty(views, dtype=int)
+    number[np.random.default_rng(0).permutation(views)] = np.arange(views) % folds
+    return number
+
+
+def cross_validate(fit: Fit) -> CrossValidation:
+    """Cross-validate a fit's structure; the folds are the same for every structure on the same views."""
+    views = len(fit.sightings.images)
+    folds = FOLDS if views >= 2 * FOLDS else views
+    number = fold_of_view(views, folds)
+    found = [held_out_error(_fit_without(fit, number == fold), fit, number == fold) for fold in range(folds)]
+    return CrossValidation(*np.array(found, dtype=float).T)
+
+
+def _fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
+    """The fit to the other views alone.
+
+    One Gauss–Newton step on their normal equations, which are known at the full fit, is exact to second order in
+    what the left-out views contributed; where it is a long one the adjustment goes on from there.
+    """
+    equations = fit.adjustment.equations.of_views(~left_out)
+    sightings = of_images(fit.sightings, fit.sightings.images[~left_out])
+    poses = fit.state.camera_from_target[~left_out]
+    problem = replace(fit.problem, blocks=sightings.blocks)
+    state = replace(fit.state, camera_from_target=poses)
+    try:
+        step = solve_damped(equations, ALMOST_UNDAMPED)
+    except np.linalg.LinAlgError:  # the other views alone leave something open
+        return adjust(problem, state, tolerance=1e-6)
+    trial = stepped(problem, state, step)
+    if trial is None or step.predicted_decrease > _FAR_STEP * equations.cost:
+        return adjust(problem, state, tolerance=1e-6)
+    return Adjustment(trial, equations, 1, True)
+
+
+def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple[float, float, int]:
+    """Sums of squared residuals and of their loss, px², and number of points of the held-out views.
+
+    Poses are refitted, the camera is frozen.
+    """
+    sightings = of_images(fit.sightings, fit.sightings.images[held_out])
+    problem = replace(
+        fit.problem,
+        blocks=sightings.blocks,
+        free=np.zeros_like(fit.problem.free),
+        warp_free=False,
+    )
+    state = replace(trained.state, camera_from_target=fit.state.camera_from_target[held_out])
+    refitted = adjust(problem, state, tolerance=1e-5, last_step=False)
+    loss = square = 2 * refitted.equations.cost
+    if problem.loss.kind != "linear":
+        error, _, _ = residuals(problem, refitted.state, len(sightings.observations.pixels))
+        square = float(weighted_square(error, sightings.observations.weights).sum())
+    return square, loss, sightings.point_count

@@ -1,0 +1,71 @@
+"""Whether further parameters of a richer structure are zero: p-values of nested tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import fdtrc  # the tail of F; scipy.stats would take half a second to load
+
+from fisheye_ep_calib.calibration.estimating.adjustment import evaluate
+from fisheye_ep_calib.calibration.estimating.fit import Fit, opened
+from fisheye_ep_calib.calibration.estimating.normal_equations import (
+    ALMOST_UNDAMPED,
+    solve_damped,
+    view_robust_covariance,
+)
+from fisheye_ep_calib.calibration.structure import Structure
+
+_CLUSTERS_BEYOND_TERMS = 5  # views beyond the number of tested parameters that the view-robust test needs
+
+
+def nested_test(rich: Fit, plain: Fit) -> float:
+    """p-value for "a richer fit's further parameters are zero": the larger of two tests.
+
+    The F test on the costs (Seber and Wild, Nonlinear Regression, 5.3) trusts that residuals are independent; those
+    of one view share its pose, its lighting and its blur, so a Wald test whose covariance is built from whole views
+    (the cluster-robust sandwich; Cameron and Miller, J. Human Resources 50, 2015) must agree. With too few views for
+    that the F test stands alone.
+    """
+    extra = rich.structure.parameter_count - plain.structure.parameter_count
+    if extra <= 0 or rich.degrees_of_freedom <= 0:
+        return 1.0
+    gain = plain.adjustment.equations.cost - rich.adjustment.equations.cost
+    return max(_f_test(plain, gain, extra), _wald_test(rich, plain))
+
+
+def _f_test(plain: Fit, gain: float, extra: int) -> float:
+    """p-value of a gain in cost, px², by ``extra`` parameters more than a fit's."""
+    freedom = plain.degrees_of_freedom - extra
+    rest = max(plain.adjustment.equations.cost - gain, 1e-300)
+    return float(fdtrc(extra, freedom, max(gain, 0.0) / extra / (rest / freedom)))
+
+
+def first_step_test(structure: Structure, plain: Fit) -> float:
+    """As ``nested_test``, from what the first step of a richer structure's adjustment promises: Rao's score test.
+
+    It costs one evaluation where a fit takes several, and says as much where there is little to gain (Rao, Math. Proc.
+    Cambridge Phil. Soc. 44, 1948).
+    """
+    extra = structure.parameter_count - plain.structure.parameter_count
+    if extra <= 0 or plain.degrees_of_freedom <= extra:
+        return 1.0
+    equations = evaluate(*opened(plain, structure, plain.sightings))
+    try:
+        return _f_test(plain, solve_damped(equations, ALMOST_UNDAMPED).predicted_decrease, extra)
+    except np.linalg.LinAlgError:  # nothing is known about them
+        return 1.0
+
+
+def _wald_test(rich: Fit, plain: Fit) -> float:
+    """p-value of the parameters that a plainer fit lacks, from the view-robust covariance; 0 with too few views."""
+    names, values = rich.shared_parameters
+    known, _ = plain.shared_parameters
+    tested = [i for i, name in enumerate(names) if name not in known]
+    views = len(rich.sightings.images)
+    if views < len(tested) + _CLUSTERS_BEYOND_TERMS:
+        return 0.0
+    try:
+        covariance = view_robust_covariance(rich.adjustment.equations)[np.ix_(tested, tested)]
+        statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
+    except np.linalg.LinAlgError:  # nothing is known about them
+        return 1.0
+    return float(fdtrc(len(tested), views - len(tested), statistic)) if np.isfinite(statistic) else 1.0

@@ -1,0 +1,153 @@
+"""Wrong sightings: found against the richest camera, so that what a poor model cannot explain is not thrown away.
+
+The rule: fit the richest structure under a Cauchy loss, take σ per axis from the upper quartile of the residuals
+(real ones have heavier tails than their median tells), and leave out what lies beyond 6 σ; then fit again without
+it, until the set stays the same. A view that loses more than half of its points is left out whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, refine, with_weights
+from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
+from fisheye_ep_calib.calibration.estimating.robust import Loss, robust_spread
+from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
+
+_LIMIT = 6.0  # σ per axis; a Gaussian residual exceeds it once in 65 million
+_HUBER = 1.345  # σ; 95 % efficient on Gaussian residuals
+_QUANTILE = 0.75
+_WORST_SHARE = 0.5  # of a view's points: beyond it the whole view is wrong
+_SUSPICIOUS = 1.0  # px RMS; a worse fit may have been dragged off by errors that it no longer shows
+_ROUNDS = 8
+_LEAST_SIGMA = 0.05  # px; what lies within 6 of these is a misfit of the camera, not a wrong sighting
+
+
+@dataclass(frozen=True)
+class RejectedPoint:
+    """view: the image's number; point: row of object_points; residual (2,) px, predicted minus measured."""
+
+    view: int
+    point: int
+    residual: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What is left to fit and what was left out. wrong_views: image numbers rejected whole."""
+
+    start: Fit
+    rejected: tuple[RejectedPoint, ...]
+    wrong_views: tuple[int, ...]
+
+
+def _lengths(fit: Fit, weights: np.ndarray) -> np.ndarray:
+    """Residual lengths (M,), px, times weights (M,); infinite where no projection exists."""
+    error, _, valid = fit.residuals
+    length = np.hypot(error[:, 0], error[:, 1]) * weights
+    return np.where(valid, length, np.inf)
+
+
+def has_outliers(fit: Fit) -> bool:
+    """Whether any sighting lies beyond the limit of a fit under the plain loss."""
+    length = _lengths(fit, fit.sightings.observations.weights)[_used(fit)]
+    least = _LEAST_SIGMA * fit.sightings.usual_weight
+    return bool(length.max() > _LIMIT * max(robust_spread(length, _QUANTILE), least))
+
+
+def richest_structure(structure: Structure, sightings: Sightings) -> Structure:
+    """The structure with everything that the data can carry: all of pupil, lens, decentering and board warp."""
+    rich = replace(
+        structure,
+        model="ep_even",
+        terms=4,
+        lens=FREER_LENS if structure.lens == LENS else structure.lens,
+        target_axis=False,
+        skew=True,
+        extras=tuple(dict.fromkeys((*structure.extras, "tangential"))),
+        board_warp=sightings.features.board.planar,
+    )
+    enough = 2 * sightings.point_count > 2 * (6 * len(sightings.images) + rich.parameter_count)
+    return rich if enough else structure
+
+
+def screen(start: Fit, fit: Fit) -> Screening:
+    """Leave out wrong sightings. start: a first fit of all of them; fit: a structure's fit from there.
+
+    Where the fit itself leaves nothing beyond the limit, no richer one would.
+    """
+    if _is_clean(fit):
+        return Screening(start, (), ())
+    rich = richest_structure(fit.structure, fit.sightings)
+    if _is_clean(refine(start, rich)):
+        return Screening(start, (), ())
+    return _screen_robustly(fit.sightings, fit.structure, rich)
+
+
+def huber_fit(start: Fit, fit: Fit) -> Fit:
+    """A start whose sightings carry a Huber loss at 1.345 σ, σ per axis from the richest structure's residuals."""
+    rich = richest_structure(fit.structure, fit.sightings)
+    rough = fit if _is_clean(fit) else first_fit(fit.sightings, fit.structure.lens, robust=True)
+    spread = robust_spread(_lengths(rough, fit.sightings.observations.weights)[_used(rough)])
+    least = _LEAST_SIGMA * fit.sightings.usual_weight
+    best = repaired(refine(rough, rich, loss=Loss("cauchy", max(2 * spread, least))))
+    spread = robust_spread(_lengths(best, fit.sightings.observations.weights)[_used(best)])
+    loss = Loss("huber", _HUBER * max(spread, least))
+    return refine(best, Structure("kannala", lens=fit.structure.lens), replace(fit.sightings, loss=loss))
+
+
+def _is_clean(fit: Fit) -> bool:
+    small = fit.rms_px < _SUSPICIOUS * fit.sightings.usual_weight
+    return fit.adjustment.converged and small and not has_outliers(fit)
+
+
+def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure) -> Screening:
+    observations = sightings.observations
+    least = _LEAST_SIGMA * sightings.usual_weight
+    start = first_fit(sightings, structure.lens, robust=True)
+    spread = robust_spread(_lengths(start, observations.weights)[_used(start)])
+    fit = repaired(refine(start, rich, loss=Loss("cauchy", max(2 * spread, least))))
+    keep = observations.weights > 0
+    rejected_residual = np.zeros((len(keep), 2))
+    wrong: set[int] = set()
+    for _ in range(_ROUNDS):
+        error = fit.residuals[0]
+        length = _lengths(fit, observations.weights)
+        known = np.isfinite(error[:, 0])
+        sigma = max(robust_spread(length[keep & known], _QUANTILE), least)
+        inside = (observations.weights > 0) & known & (length <= _LIMIT * sigma)
+        wrong |= _wrong_views(observations, inside, fit.sightings.images)
+        inside &= ~np.isin(observations.image_index, list(wrong))
+        rejected_residual[known] = error[known]
+        if np.array_equal(inside, keep):
+            break
+        keep = inside
+        fit = refine(fit, rich, with_weights(sightings, np.where(keep, observations.weights, 0.0)))
+    kept = fit.sightings
+    # Images with too few points for a pose were never judged.
+    judged = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
+    rejected = tuple(
+        RejectedPoint(
+            int(observations.image_index[row]),
+            int(observations.point_index[row]),
+            (float(rejected_residual[row, 0]), float(rejected_residual[row, 1])),
+        )
+        for row in np.flatnonzero(judged & ~keep)
+    )
+    plain = refine(fit, Structure("kannala", lens=structure.lens), kept)
+    return Screening(plain, rejected, tuple(sorted(wrong)))
+
+
+def _used(fit: Fit) -> np.ndarray:
+    return (fit.sightings.observations.weights > 0) & np.isfinite(fit.residuals[0][:, 0])
+
+
+def _wrong_views(observations, inside: np.ndarray, images: np.ndarray) -> set[int]:
+    """Image numbers whose share of good sightings is too small."""
+    used = observations.weights > 0
+    size = int(observations.image_index.max()) + 1
+    seen = np.bincount(observations.image_index[used], minlength=size)
+    good = np.bincount(observations.image_index[inside], minlength=size)
+    return {int(image) for image in images if good[image] < _WORST_SHARE * seen[image]}

@@ -1,0 +1,1 @@
+"""What to look at next: which image of a recording, which view of the target."""

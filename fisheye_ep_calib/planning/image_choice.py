@@ -1,0 +1,113 @@
+"""Which images of a recording to look at, before any is decoded: a few at first, then where the target moved.
+
+Looking for the target costs far more than reading, and a recording at 10 to 30 Hz shows nearly the same view
+again and again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.planning.image_information import most_informative
+from fisheye_ep_calib.planning.view_selection import Novelty, ViewSignature, view_signature
+from fisheye_ep_calib.target.base import Target
+from fisheye_ep_calib.target.detection import Detection
+
+# Fixed, and not a matter of how many workers there are: the choice must not depend on the machine.
+FRAMES_A_ROUND = 24
+FIRST_LOOK = 1 / 3  # of the images that will be looked at
+
+# Worth of looking between two images, where 1 is a target that moved by the least that counts as new.
+WORTH_AT_ENTRY = 2.0  # found in one of them: in between it crosses the edge of the field, where views are rare
+WORTH_OF_NOTHING = 0.05  # found in neither
+
+
+@dataclass(frozen=True)
+class FrameChoice:
+    """How to choose. max_views: look at this many images of a camera at most.
+
+    every: look at every n-th image instead, whatever it shows; 1 looks at all.
+    """
+
+    max_views: int = 150
+    every: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.max_views < 1:
+            raise InputError(f"the number of views must be at least 1, not {self.max_views}")
+        if self.every is not None and self.every < 1:
+            raise InputError(f"every n-th image needs n of at least 1, not {self.every}")
+
+
+def first_look(count: int, choice: FrameChoice) -> list[int]:
+    """The images to look at first: all of them where they are few, else evenly spread from first to last."""
+    if choice.every is not None:
+        return list(range(0, count, choice.every))
+    if count <= choice.max_views:
+        return list(range(count))
+    spread = max(2, round(FIRST_LOOK * choice.max_views))
+    if choice.max_views == 1:
+        return [count // 2]
+    return sorted(set(np.round(np.linspace(0, count - 1, min(spread, choice.max_views))).astype(int).tolist()))
+
+
+def room_left(seen: int, count: int, choice: FrameChoice) -> int:
+    """How many images to look at in the next round."""
+    if choice.every is not None:
+        return 0
+    return max(0, min(FRAMES_A_ROUND, choice.max_views - seen, count - seen))
+
+
+def next_look(
+    seen: Mapping[int, Detection | None], target: Target, image_size: tuple[int, int], count: int, choice: FrameChoice
+) -> list[int]:
+    """The images to look at next: those that tell most about the camera, else those where the target moves.
+
+    seen: image → what was found in it, or None; count: images there are. image_size: width, height, pixels.
+    """
+    room = room_left(len(seen), count, choice)
+    if room == 0:
+        return []
+    found = {image: detection for image, detection in seen.items() if detection is not None}
+    chosen = most_informative(found, sorted(seen), target, image_size, room)
+    signatures = {
+        image: view_signature(target.object_points[detection.point_index], detection.pixels, image_size)
+        for image, detection in found.items()
+    }
+    moved = closer_look({image: signatures.get(image) for image in seen}, room)
+    return sorted(chosen + [image for image in moved if image not in chosen][: room - len(chosen)])
+
+
+def closer_look(seen: Mapping[int, ViewSignature | None], room: int) -> list[int]:
+    """Up to ``room`` images to look at next: the middles of the gaps that promise most.
+
+    seen: image → how the target appeared in it, or None. Empty once nothing is to be gained.
+    """
+    looked = sorted(seen)
+    gaps = [(a, b) for a, b in zip(looked, looked[1:], strict=False) if b - a > 1]
+    worth = np.array([_worth(seen[a], seen[b]) for a, b in gaps])
+    # Among gaps of equal worth the longest first; ties go to the earliest.
+    lengths = np.array([b - a for a, b in gaps])
+    order = np.lexsort((-lengths, -np.round(worth, 9)))
+    promising = [gaps[i] for i in order if worth[i] >= 1 or worth[i] == WORTH_OF_NOTHING]
+    return sorted((a + b) // 2 for a, b in promising[:room])
+
+
+def _worth(one: ViewSignature | None, other: ViewSignature | None) -> float:
+    """How much changed between two images, in multiples of the least that counts as new."""
+    if one is None and other is None:
+        return WORTH_OF_NOTHING
+    if one is None or other is None:
+        return WORTH_AT_ENTRY
+    least = Novelty()
+    return float(
+        max(
+            np.linalg.norm(one.position - other.position) / least.position,
+            abs(one.size - other.size) / least.size,
+            np.linalg.norm(one.tilt - other.tilt) / least.tilt,
+        )
+    )

@@ -1,0 +1,186 @@
+"""Finding a chessboard, whole or in part."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from fisheye_ep_calib.target.cells import is_regular, local_axes, local_bend, local_pitch, smooth
+from fisheye_ep_calib.target.corners.contrast import detect_stretched
+from fisheye_ep_calib.target.corners.growth import colour_parity, grow_corners
+from fisheye_ep_calib.target.corners.guidance import find_guided
+from fisheye_ep_calib.target.corners.measurement import Surroundings
+from fisheye_ep_calib.target.corners.refinement import looks_like_corner, refine_corners
+from fisheye_ep_calib.target.corners.saddle_fit import fit_saddles
+from fisheye_ep_calib.target.detection import Detection, check_image
+from fisheye_ep_calib.target.labelling import Placement, label_patch
+from fisheye_ep_calib.target.sharpness import why_not
+
+logger = logging.getLogger(__name__)
+
+FEWEST_CORNERS = 8  # of a view
+SCALES = (1.0, 0.5, 0.25)  # at which the image is searched
+SMALLEST_SIDE = 200  # pixels of a reduced image
+MOSTLY_FOUND = 0.75  # share of the corners that ends the search
+TOO_MANY = 1.5  # times the corners of the target: something else
+NOTHING = np.empty((0, 2), dtype=int), np.empty((0, 2))
+
+
+@functools.cache
+def _calib_targets():
+    """The library that finds partial boards, or None, said once."""
+    try:
+        import calib_targets
+    except ImportError:
+        logger.warning(
+            "calib-targets is not installed: only chessboards wholly in view can be found (pip install calib-targets)"
+        )
+        return None
+    return calib_targets
+
+
+class ChessboardDetector:
+    """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined, completed, then labelled."""
+
+    def __init__(self, target) -> None:
+        self.target = target
+        self.lattice = np.rint(target.object_points[:, :2] / [target.spacing, target.row_spacing]).astype(int)
+        self.fewest = min(FEWEST_CORNERS, len(self.lattice))
+
+    def detect(self, image: np.ndarray) -> Detection:
+        reason = check_image(image)
+        if reason:
+            return Detection(reason=reason)
+        return detect_stretched(self._detect, image)
+
+    def _detect(self, image: np.ndarray) -> Detection:
+        best = Detection(reason="board not found")
+        for cells, pixels in self._patches(image):
+            if len(cells) < 4 or len(cells) <= len(best):
+                break
+            found = self._complete(image, cells, pixels)
+            best = max(best, found, key=lambda one: (len(one), len(one.rejected)))
+        return best if len(best) else replace(best, reason=why_not(image, best.reason))
+
+    def _patches(self, image: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Patches found in the image and in smaller copies of it, largest first."""
+        patches: list[tuple[np.ndarray, np.ndarray]] = []
+        for scale in SCALES:
+            if scale < 1.0 and scale * min(image.shape) < SMALLEST_SIDE:
+                break
+            patches.append(self._find(image, scale))
+            if len(patches[-1][0]) >= MOSTLY_FOUND * len(self.lattice):
+                break
+        return sorted(patches, key=lambda patch: len(patch[0]), reverse=True)
+
+    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+        target = self.target
+        half = np.full(len(self.lattice), 0.5 * min(target.spacing, target.row_spacing))
+        # The square down and right of corner (column, row) is black where column + row is even.
+        bright = np.where(self.lattice.sum(axis=1) % 2 == 0, -1.0, 1.0)
+        around = Surroundings.plain(half, bright)
+        return find_guided(image, camera, camera_from_target, target.object_points, around)
+
+    def _complete(self, image: np.ndarray, cells: np.ndarray, rough: np.ndarray) -> Detection:
+        """Refine and check a patch, add what it lacks, say which corner is which."""
+        if len(cells) > TOO_MANY * len(self.lattice):
+            return Detection(reason="a larger pattern than the target", rejected=rough)
+        pixels, good = refine_corners(image, rough, 0.5 * local_pitch(cells, rough))
+        parity = colour_parity(image, cells, rough)
+        if parity < 0:
+            return Detection(reason="board not found", rejected=rough)
+        axes, known = local_axes(cells, rough)
+        bright = np.where(cells.sum(axis=1) % 2 == parity, -1.0, 1.0)
+        good &= known & looks_like_corner(image, pixels, 0.5 * axes, bright)
+        if good.sum() < 4:
+            return Detection(reason="board not found", rejected=rough)
+        # Labelled before the last, strict checks: the larger the patch, the fewer places it fits.
+        cells, pixels = grow_corners(image, cells[good], pixels[good], parity, int(self.lattice.max()) + 1)
+        labels = label_patch(
+            cells,
+            pixels,
+            self.lattice,
+            allowed=lambda placement: _colour_fits(placement, parity),
+            is_plain=lambda sites, scale: _is_plain(image, sites, scale),
+        )
+        pixels, fits = _refine(image, cells, pixels, parity)
+        fits &= labels.known
+        if fits.any():
+            fits[fits] = smooth(cells[fits], pixels[fits])
+        if fits.any() and not is_regular(cells[fits], pixels[fits]):
+            fits[:] = False
+        rejected = np.vstack([rough[~good], pixels[~fits]])
+        if fits.sum() < self.fewest:
+            reason = f"{int(fits.sum())} of {len(self.lattice)} corners"
+            return Detection(reason=reason, rejected=np.vstack([rejected, pixels[fits]]))
+        return Detection(labels.point_index[fits], pixels[fits], rejected=rejected)
+
+    def _find(self, image: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
+        """Lattice coordinates (k, 2) int with the handedness of (u, v), and rough pixels (k, 2).
+
+        scale: at which size to look; a smaller image has sharper corners where the full one is blurred.
+        """
+        small = image
+        if scale != 1.0:
+            size = int(image.shape[1] * scale), int(image.shape[0] * scale)
+            small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        library = _calib_targets()
+        cells, pixels = self._find_whole(small) if library is None else _find_part(library, small)
+        factor = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
+        return (_right_handed(cells, pixels), (pixels + 0.5) * factor - 0.5) if len(cells) else NOTHING
+
+    def _find_whole(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        size = (self.target.columns, self.target.rows)
+        if min(size) < 3 or min(image.shape) < 20:
+            return NOTHING
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_FAST_CHECK
+        found, corners = cv2.findChessboardCorners(image, size, flags=flags)
+        return (self.lattice, corners.reshape(-1, 2).astype(float)) if found else NOTHING
+
+
+def _find_part(library, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    found = library.detect_chessboard(np.ascontiguousarray(image))
+    if found is None:
+        return NOTHING
+    cells = np.array([(corner.grid.u, corner.grid.v) for corner in found.corners], dtype=int)
+    return cells, np.array([corner.position for corner in found.corners], dtype=float)
+
+
+def _refine(image, cells: np.ndarray, pixels: np.ndarray, parity: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (k, 2) by fitting each corner's picture, and whether it is a corner and nothing else (k,)."""
+    axes, known = local_axes(cells, pixels)
+    fit = fit_saddles(image, pixels, 0.5 * axes, 0.25 * local_bend(cells, pixels))
+    bright = np.where(cells.sum(axis=1) % 2 == parity, -1.0, 1.0)
+    good = fit.good(bright) & known & looks_like_corner(image, fit.pixels, 0.5 * axes, bright)
+    return fit.pixels, good
+
+
+def _right_handed(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """The cells, mirrored where their axes turn the other way than u and v do."""
+    design = np.column_stack([cells, np.ones(len(cells))])
+    axes = np.linalg.lstsq(design, pixels, rcond=None)[0][:2]
+    return cells if np.linalg.det(axes) > 0 else cells * [1, -1]
+
+
+def _colour_fits(placement: Placement, parity: int) -> float:
+    """0 where the placement puts black squares on black ones (the top-left square is black), else −inf."""
+    # Twice the centre of a black square of the patch, so that it stays whole under a rotation.
+    black = 2 * np.array([parity, 0]) + 1
+    corner = (black @ placement.rotation.T + 2 * placement.shift - 1) // 2
+    return 0.0 if corner.sum() % 2 == 0 else -np.inf
+
+
+def _is_plain(image: np.ndarray, sites: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Whether the image shows no black at each site (m, 2) within 0.3 of the pitch (m,): board, no occluder."""
+    height, width = image.shape
+    offset = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 0]])
+    places = np.rint(sites[:, None] + 0.3 * scale[:, None, None] * offset).astype(int)
+    inside = ((places >= 0) & (places < [width, height])).all(axis=(1, 2))
+    places = np.clip(places, 0, [width - 1, height - 1])
+    values = image[places[..., 1], places[..., 0]].astype(float)
+    bright = values.min(axis=1) > 0.5 * np.percentile(image[::8, ::8], 90)
+    return inside & bright & (np.ptp(values, axis=1) < 0.25 * values.max(axis=1))

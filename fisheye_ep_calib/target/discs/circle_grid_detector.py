@@ -1,0 +1,193 @@
+"""Finding a grid of discs in a strong fisheye's image: blobs, lattice, labels, sub-pixel centres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from fisheye_ep_calib.target.cells import smooth
+from fisheye_ep_calib.target.detection import Detection, check_image
+from fisheye_ep_calib.target.discs.blobs import Blobs, find_blobs
+from fisheye_ep_calib.target.discs.ellipse import minor_axis
+from fisheye_ep_calib.target.discs.growth import complete_discs
+from fisheye_ep_calib.target.discs.hole_evidence import LEAST_HOLES, hole_evidence
+from fisheye_ep_calib.target.discs.lattice import FEWEST, Lattice, grow_lattices
+from fisheye_ep_calib.target.discs.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
+from fisheye_ep_calib.target.discs.measurement import Measurement, measure_discs
+from fisheye_ep_calib.target.expected_features import expect_discs, pose_columns, stays_smooth
+from fisheye_ep_calib.target.labelling import label_patch
+from fisheye_ep_calib.target.sharpness import why_not
+
+FEWEST_DISCS = 9  # of a view
+SEARCH_SIDE = 700  # pixels of the longer side of the image that is searched
+WINDOWS = (31, 121)  # pixels: adaptive thresholds for small discs and large ones
+MOST_LATTICES = 4  # of an image that are measured
+TOO_MANY = 1.5  # times the discs of the target: something else
+MOSTLY_FOUND = 0.8  # share of the discs that ends the search
+UNKNOWN_RATIO = 2.4  # pitch over radius where the target file tells no radius
+USUAL_ERROR = 0.08  # pixels, of a measured centre
+# Of an offset from the prediction, the share that may vary from feature to feature.
+MODEL_ERROR = 0.08
+# Of what a disc's radius exceeds this many pixels, the share that its centre may be off.
+SIZE_ERROR, LARGE = 0.005, 20.0
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A detection and how much speaks for it."""
+
+    score: float = 0.0
+    detection: Detection = Detection()
+
+
+class CircleGridDetector:
+    """Searches at about 700 pixels a side, measures at full resolution."""
+
+    def __init__(self, target) -> None:
+        self.target = target
+        self.ratio = target.pitch / target.disc_radius if target.disc_radius else None
+        self.gap_ratio = self.ratio or UNKNOWN_RATIO
+        self.longest = int(np.ptp(target.lattice, axis=0).max()) + 1
+        self.fewest = min(FEWEST_DISCS, len(target.object_points))
+        self.hole_ratio = target.hole_radius / target.disc_radius if target.holed else 0.0
+
+    def detect(self, image: np.ndarray) -> Detection:
+        reason = check_image(image)
+        if reason:
+            return Detection(reason=reason)
+        total = len(self.target.object_points)
+        best = _Found(-math.inf)
+        for factor in _search_factors(image.shape):
+            found = self._detect_at(image, factor)
+            best = max(best, found, key=lambda candidate: candidate.score)
+            if len(best.detection) >= 0.5 * total:
+                break
+        if len(best.detection) >= self.fewest:
+            return best.detection
+        count = len(best.detection)
+        reason = f"{count} of {total} discs" if count > 3 else best.detection.reason or "board not found"
+        return Detection(reason=why_not(image, reason), rejected=best.detection.rejected)
+
+    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+        reason = check_image(image)
+        if reason:
+            return Detection(reason=reason)
+        points = self.target.object_points
+        radius = self.target.disc_radius or self.target.pitch / self.gap_ratio
+        expected, shape, visible = expect_discs(camera, camera_from_target, points, radius, image.shape)
+        index = np.flatnonzero(visible)
+        if len(index) == 0:
+            return Detection(reason="board out of view")
+        expected, shape = expected[index], shape[index]
+        hole = np.where(np.isin(index, self.target.holed), self.hole_ratio, 0.0)
+        found = measure_discs(image, expected, shape, self.gap_ratio, hole, keep_shape=True)
+        good = found.good.copy()
+        if good.any():
+            offset = found.center[good] - expected[good]
+            large = np.maximum(minor_axis(shape[good]) - LARGE, 0)
+            usual = USUAL_ERROR + MODEL_ERROR * _typical(offset) + SIZE_ERROR * large
+            columns = pose_columns(camera, camera_from_target, points[index[good]])
+            common = stays_smooth(points[index[good]], offset, usual, columns)
+            common &= np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * minor_axis(shape[good])
+            allowed = np.where(hole[good] > 0, np.inf, found[good].size_error)
+            good[good] = common & stays_smooth(points[index[good]], found[good].log_radius_ratio, allowed)
+        if not good.any():
+            return Detection(reason="board not found where the camera expects it", rejected=expected)
+        return Detection(index[good], found.center[good], rejected=found.center[~good])
+
+    def _detect_at(self, image: np.ndarray, factor: int) -> _Found:
+        """The best of the largest lattices, looked for in the image reduced by ``factor``."""
+        blobs = find_blobs(_reduced(image, factor), WINDOWS, holes=bool(self.target.holed)).scaled(factor)
+        best = _Found(detection=Detection(rejected=blobs.center))
+        total = len(self.target.object_points)
+        lattices = grow_lattices(blobs.center, blobs.shape, self.ratio, int(MOSTLY_FOUND * total))
+        # A lattice much larger than the target is something else: a grille, a woven cloth.
+        largest = TOO_MANY * total
+        for lattice in [lattice for lattice in lattices if len(lattice) <= largest][:MOST_LATTICES]:
+            if best.score > len(lattice):
+                break
+            found = self._measure_and_label(image, blobs, lattice)
+            best = max(best, found, key=lambda candidate: (candidate.score, candidate.detection.reason))
+        return best
+
+    def _measure_and_label(self, image: np.ndarray, blobs: Blobs, lattice: Lattice) -> _Found:
+        chosen = blobs[lattice.blob]
+        hole = np.full(len(chosen), self.hole_ratio)
+        found = measure_discs(image, chosen.center, chosen.shape, self.gap_ratio, hole)
+        cells, found = complete_discs(image, lattice.cell, found, self.gap_ratio, self.hole_ratio, self.longest)
+        good = found.good.copy()
+        if good.any():
+            good[good] = fits_neighbours(cells[good], found.center[good], found.shape[good])
+        if not self._is_board(cells[good], found[good], blobs):
+            return _Found(detection=Detection(rejected=blobs.center))
+        marks = None
+        if self.target.holed:
+            marks = hole_evidence(image, cells, found, self.hole_ratio, self.target.lattice[list(self.target.holed)])
+        labels = label_patch(
+            cells,
+            found.center,
+            self.target.lattice,
+            allowed=marks,
+            is_plain=lambda sites, scale: _is_plain(image, sites, found),
+            least=LEAST_HOLES if marks else None,
+            turns=self.target.turns,
+        )
+        if not labels.known.any():
+            reason = f"{int(good.sum())} discs, but not which: too few of the holed ones are seen"
+            return _Found(detection=Detection(reason=reason, rejected=blobs.center))
+        # A lattice that goes on beyond the target is something else.
+        beyond = int((good & ~labels.known).sum())
+        good &= labels.known
+        good[good] = smooth(cells[good], found.center[good])
+        loose = np.ones(len(blobs), dtype=bool)
+        loose[lattice.blob[good[: len(lattice)]]] = False
+        detection = Detection(labels.point_index[good], found.center[good], rejected=blobs.center[loose])
+        return _Found(len(detection) - 2 * beyond, detection)
+
+    def _is_board(self, cells: np.ndarray, discs: Measurement, blobs: Blobs) -> bool:
+        """Whether discs at cells (k, 2) are a grid like the target's, no chance chain nor part of a finer grid."""
+        if len(cells) < FEWEST:
+            return False
+        if is_every_second(cells, discs.center, blobs.center):
+            return False
+        return is_disc_lattice(cells, discs.center, discs.shape, self.ratio)
+
+
+def _typical(offset: np.ndarray) -> float:
+    """Median length of offsets (k, 2)."""
+    return float(np.median(np.hypot(*offset.T)))
+
+
+def _reduced(image: np.ndarray, factor: int) -> np.ndarray:
+    """The image at a whole fraction of its size, without the rows and columns left over."""
+    if factor == 1:
+        return image
+    height, width = image.shape[0] // factor, image.shape[1] // factor
+    cropped = image[: height * factor, : width * factor]
+    return cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _search_factors(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Reductions to try: the usual one, a finer one for small discs, a coarser one for very large ones, none at all."""
+    factor = max(1, math.ceil(max(shape) / SEARCH_SIDE))
+    coarser = 2 * factor if min(shape) >= 200 * factor else factor
+    return tuple(dict.fromkeys((factor, max(1, factor // 2), coarser, 1)))
+
+
+def _is_plain(image: np.ndarray, sites: np.ndarray, discs: Measurement) -> np.ndarray:
+    """Whether the image shows plain board where a disc should lie (m, 2)."""
+    distance = np.hypot(*np.moveaxis(sites[:, None] - discs.center, -1, 0))
+    beside = discs.shape[distance.argmin(axis=1)]
+    angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    offset = np.concatenate([np.zeros((len(sites), 2, 1)), 0.8 * np.linalg.cholesky(beside) @ circle], axis=2)
+    places = np.rint(sites[:, None] + np.swapaxes(offset, 1, 2)).astype(int)
+    limit = np.array(image.shape[::-1]) - 1
+    inside = ((places >= 0) & (places <= limit)).all(axis=(1, 2))
+    places = np.clip(places, 0, limit)
+    values = image[places[..., 1], places[..., 0]].astype(float)
+    even = np.ptp(values, axis=1) < 0.25 * values.max(axis=1)
+    return inside & even & (values.min(axis=1) > 0.4 * np.percentile(image[::8, ::8], 95))

@@ -1,0 +1,1 @@
+"""Finding square markers and the corners that they name."""

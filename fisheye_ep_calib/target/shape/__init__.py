@@ -1,0 +1,1 @@
+"""What a target's points are in truth: its bow."""

@@ -1,0 +1,88 @@
+"""Where to hold the target next: views chosen by it know the pupil sooner than random ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma, uncertainty
+from fisheye_ep_calib.calibration.estimating.adjustment import evaluate
+from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
+from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.planning.guidance import next_view
+from fisheye_ep_calib.planning.view_information import variance_reduction, view_information
+from fisheye_ep_calib.simulation import observe, paper_camera, paper_target, random_poses
+
+NOISE = 0.05
+TARGET = paper_target()
+
+
+def fitted(poses: np.ndarray, seed: int, model: str):
+    return refine(first_fit(prepare(observe(paper_camera(), TARGET, poses, NOISE, seed))), Structure(model))
+
+
+def pupil_band(fit) -> float:
+    """σ of E(60°), metres, at the true noise."""
+    known = uncertainty(fit)
+    return float(pupil_sigma(fit.state.camera, known.covariance, np.radians(60.0))) * NOISE / known.sigma_px
+
+
+def views_needed(seed: int, most: int = 15) -> int:
+    """How many guided views reach the band of 25 random ones."""
+    goal = pupil_band(fitted(random_poses(TARGET, 25, seed), seed, "ep_odd"))
+    poses = list(random_poses(TARGET, 4, seed + 100, theta_deg=(0, 50)))
+    while len(poses) < most:
+        fit = fitted(np.array(poses), seed, "ep_odd" if len(poses) >= 6 else "ep_even")
+        if len(poses) >= 6 and pupil_band(fit) <= goal:
+            return len(poses)
+        suggestion = next_view(fit.state.camera, TARGET.object_points, fit.state.camera_from_target, (0.10, 0.13, 0.15))
+        poses.append(suggestion.camera_from_target)
+    return most
+
+
+def test_information_of_a_view_is_that_of_the_adjustment():
+    """Of every parameter, where both see the same corners."""
+    poses = random_poses(TARGET, 6, 3, theta_deg=(0, 60))
+    points = observe(paper_camera(), replace(TARGET, disc_radius=None), poses, NOISE, 3)
+    assert len(points.pixels) == 6 * len(TARGET.object_points)
+    fit = refine(first_fit(prepare(points)), Structure("ep_even"))
+    told = view_information(fit.state.camera, TARGET.object_points, fit.state.camera_from_target)
+    expected = reduced_information(evaluate(fit.problem, fit.state))
+    scale = np.sqrt(np.diag(expected))
+    assert np.abs((told.information.sum(axis=0) - expected) / scale / scale[:, None]).max() < 1e-6
+
+
+def test_variance_reduction_is_what_a_little_of_a_view_takes_away():
+    rng = np.random.default_rng(2)
+    roots = rng.normal(size=(6, 9, 5)) * [1, 10, 100, 0.1, 1]
+    information = np.swapaxes(roots, 1, 2) @ roots
+    known, sought = information[:4].sum(axis=0), rng.normal(size=(3, 5))
+    little = 1e-6
+
+    def variance(matrix):
+        return np.einsum("qi,ij,qj->q", sought, np.linalg.inv(matrix), sought)
+
+    lost = [(1 - variance(known + little * one) / variance(known)).sum() / little for one in information]
+    np.testing.assert_allclose(variance_reduction(information, known, sought), lost, rtol=1e-4)
+
+
+def test_a_suggestion_points_where_it_says():
+    fit = fitted(random_poses(TARGET, 5, 1, theta_deg=(0, 40)), 1, "ep_even")
+    suggestion = next_view(fit.state.camera, TARGET.object_points, fit.state.camera_from_target, (0.10, 0.15))
+    middle = 0.5 * (TARGET.object_points.min(axis=0) + TARGET.object_points.max(axis=0))
+    seen = suggestion.camera_from_target @ np.append(middle, 1.0)
+    assert np.isclose(np.linalg.norm(seen[:3]), suggestion.distance)
+    assert np.isclose(np.arctan2(np.hypot(seen[0], seen[1]), seen[2]), suggestion.theta)
+    assert suggestion.theta > np.radians(60), "nothing beyond 40° was seen: the rim is what is missing"
+    assert "edge of the image" in suggestion.sentence and "cm away" in suggestion.sentence
+    assert 0 < suggestion.gain <= 1
+
+
+def test_guided_views_know_the_pupil_with_half_as_many():
+    assert views_needed(1) <= 12
+
+
+@pytest.mark.slow
+def test_guided_views_know_the_pupil_with_half_as_many_whatever_the_start():
+    assert np.median([views_needed(seed) for seed in range(10)]) <= 12
