@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,7 +42,7 @@ _SURE = 0.05  # and below which the linear σ is to be believed
 class Options:
     """What the user may fix; None leaves it to ``auto``, or to the model's own default where a model is named.
 
-    terms: of E(θ). lens: key of LENSES. skew, tangential, tilt, board_warp: whether each is estimated.
+    terms: of E(θ). lens: key of LENSES. skew, board_warp: whether each is estimated. extras: the same of LENS_EXTRAS.
     disc_centers: "unbiased" predicts the centre of gravity of each projected disc, "naive" the image of its centre.
     loss: "cut" leaves out what lies beyond 6 σ of the richest model; "huber" keeps every sighting at less weight.
     svp_distance: metres, for which the single-viewpoint stand-in is fitted.
@@ -50,12 +51,17 @@ class Options:
     terms: int | None = None
     lens: str | None = None
     skew: bool | None = None
-    tangential: bool | None = None
-    tilt: bool | None = None
     board_warp: bool | None = None
     disc_centers: str = "unbiased"
     loss: str = "cut"
     svp_distance: float = np.inf
+    extras: Mapping[str, bool | None] = field(default_factory=dict)
+
+    @staticmethod
+    def of(**given) -> Options:
+        """From keywords; the name of a lens extra is one too, such as ``tangential=True``."""
+        extras = {name: given.pop(name) for name in LENS_EXTRAS if name in given}
+        return Options(**given, extras=extras)
 
     def __post_init__(self) -> None:
         for name, value, known in (("disc_centers", self.disc_centers, DISC_CENTERS), ("loss", self.loss, LOSSES)):
@@ -66,12 +72,12 @@ class Options:
 
 
 def calibrate(observations: Observations, model: str = AUTO, **options) -> CalibrationResult:
-    """Calibrate a camera. options: the fields of ``Options``. Raises CalibrationError, InputError.
+    """Calibrate a camera. options: those of ``Options.of``. Raises CalibrationError, InputError.
 
     A named model is fitted as it is, skew included, and compared with the single-viewpoint camera; "auto" fits all
     models, decides skew, tangential terms and board warp, and takes what the data support.
     """
-    settings = Options(**options)
+    settings = Options.of(**options)
     base = base_structure(settings, model)
     started = time.perf_counter()
     sightings = prepare(observations, settings.disc_centers)
@@ -125,7 +131,7 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
 
 def base_structure(settings: Options, model: str) -> Structure:
     """What the user has fixed. Raises InputError where there is no such model, lens or number of terms."""
-    extras = tuple(name for name in LENS_EXTRAS if getattr(settings, name))
+    extras = tuple(name for name in LENS_EXTRAS if settings.extras.get(name))
     return Structure(
         {AUTO: "ep_even", PRINTED_FORM: "ep_odd"}.get(model, model),
         settings.terms,
@@ -141,7 +147,7 @@ def _open_questions(settings: Options, planar: bool) -> Search:
     return Search(
         skew=settings.skew is None,
         lens=settings.lens is None,
-        extras=("tangential",) if settings.tangential is None else (),
+        extras=("tangential",) if settings.extras.get("tangential") is None else (),
         board_warp=settings.board_warp is None and planar,
     )
 

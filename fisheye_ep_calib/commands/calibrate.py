@@ -12,7 +12,7 @@ from typing import Any
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, Options, calibrate
 from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM, base_structure
 from fisheye_ep_calib.calibration.structure import LENS
-from fisheye_ep_calib.camera import LENSES, PUPIL_FAMILIES
+from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing, refuse_unwritable
 from fisheye_ep_calib.commands.resuming import add_resume_argument, log_of
@@ -69,8 +69,8 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
     structure.add_argument("--lens", choices=list(LENSES), help=f"the central lens r(θ) (default: {LENS})")
     action = argparse.BooleanOptionalAction
     structure.add_argument("--skew", action=action, help="skew of the pixel axes")
-    structure.add_argument("--tangential", action=action, help="decentering p1, p2")
-    structure.add_argument("--tilt", action=action, help="tilt of the sensor")
+    for name, extra in LENS_EXTRAS.items():
+        structure.add_argument(f"--{name.replace('_', '-')}", action=action, help=" ".join(extra.coefficient_names))
     structure.add_argument("--board-warp", action=action, help="bow of the target")
     structure.add_argument(
         "--disc-centers",
@@ -95,7 +95,7 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
 
 def check_fit_arguments(arguments: argparse.Namespace) -> None:
     """Raises InputError before anything is looked at."""
-    base_structure(Options(**_options(arguments)), arguments.model)
+    base_structure(Options.of(**_options(arguments)), arguments.model)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -174,7 +174,8 @@ def _all_failed(failures: list[CalibrationError]) -> CalibrationError:
 
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
-    return {field.name: getattr(arguments, field.name) for field in fields(Options)}
+    names = [field.name for field in fields(Options) if field.name != "extras"]
+    return {name: getattr(arguments, name) for name in (*names, *LENS_EXTRAS)}
 
 
 def _calibrate(camera: CameraSource, look_again, arguments: argparse.Namespace):

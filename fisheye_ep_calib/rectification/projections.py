@@ -9,7 +9,6 @@ A new projection is one class and one line in PROJECTIONS.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -113,7 +112,7 @@ class Equirectangular:
         return np.arctan2(points[..., 0], points[..., 2]), np.arctan2(points[..., 1], across)
 
 
-PROJECTIONS: Mapping[str, Projection] = {
+PROJECTIONS: dict[str, Projection] = {
     "perspective": Perspective(),
     "cylindrical": Cylindrical(),
     "equirectangular": Equirectangular(),

@@ -14,7 +14,7 @@ from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 from fisheye_ep_calib.target.schema import Keys
 from fisheye_ep_calib.yaml_file import read_yaml
 
-TARGETS = (CircleGrid, Chessboard, Charuco, AprilGrid)
+TARGETS: dict[str, type[Target]] = {kind.kind: kind for kind in (CircleGrid, Chessboard, Charuco, AprilGrid)}
 
 
 def load_target(path: str | PathLike) -> Target:
@@ -31,13 +31,13 @@ def parse_target(values, source: str = "target", name: str = "target") -> Target
     if "type" in keys and "target_type" in keys:
         raise InputError(f"{source}: give type (this project's keys) or target_type (Kalibr's), not both")
     if "target_type" in keys:
-        known = {target.kalibr_kind: target.from_kalibr for target in TARGETS if target.kalibr_kind}
+        known = {target.kalibr_kind: target.from_kalibr for target in TARGETS.values() if target.kalibr_kind}
         chosen = keys.get("target_type")
     elif "type" in keys:
-        known = {target.kind: target.from_keys for target in TARGETS}
+        known = {kind: target.from_keys for kind, target in TARGETS.items()}
         chosen = keys.get("type")
     else:
-        raise InputError(f"{source}: type is missing; known: {', '.join(target.kind for target in TARGETS)}")
+        raise InputError(f"{source}: type is missing; known: {', '.join(TARGETS)}")
     if not isinstance(chosen, str) or chosen not in known:
         raise InputError(f"{source}: unknown type {chosen!r}; known: {', '.join(known)}")
     return known[chosen](keys, name)

@@ -21,7 +21,10 @@ MAX_METADATA_BYTES = 2**24
 
 
 class BagFormat(NamedTuple):
-    """Imported when first needed: folders of images are read without the packages that bags want."""
+    """A kind of file: its ending, its first bytes, and the subclass of Source that reads it.
+
+    Its module is imported when first needed: folders of images are read without the packages that bags want.
+    """
 
     suffix: str
     magic: bytes
@@ -30,7 +33,7 @@ class BagFormat(NamedTuple):
 
     def open(self, path: Path) -> Source:
         try:
-            module = importlib.import_module(f"fisheye_ep_calib.storage.sources.{self.module}")
+            module = importlib.import_module(self.module)
         except ModuleNotFoundError as error:
             raise InputError(
                 f"{path}: reading it needs the Python package {error.name}: pip install {error.name}"
@@ -38,11 +41,15 @@ class BagFormat(NamedTuple):
         return getattr(module, self.source).open(path)
 
 
-BAG_FORMATS = (
-    BagFormat(".mcap", b"\x89MCAP0\r\n", "mcap_file", "McapFile"),
-    BagFormat(".db3", b"SQLite format 3\0", "db3_file", "Db3File"),
-    BagFormat(".bag", b"#ROSBAG V2.0\n", "bag_file", "BagFile"),
-)
+_HERE = "fisheye_ep_calib.storage.sources"
+BAG_FORMATS: dict[str, BagFormat] = {
+    kind.suffix: kind
+    for kind in (
+        BagFormat(".mcap", b"\x89MCAP0\r\n", f"{_HERE}.mcap_file", "McapFile"),
+        BagFormat(".db3", b"SQLite format 3\0", f"{_HERE}.db3_file", "Db3File"),
+        BagFormat(".bag", b"#ROSBAG V2.0\n", f"{_HERE}.bag_file", "BagFile"),
+    )
+}
 
 
 def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> tuple[list[Source], list[str]]:
@@ -113,7 +120,7 @@ def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list
     by_camera = {path: [file for file in path.iterdir() if is_image_file(file)] for path in folders}
     sources: list[Source] = [ImageFiles(path.name, files) for path, files in by_camera.items() if files]
     if not sources:
-        raise InputError(f"{folder} holds neither a bag (.mcap, .db3, .bag) nor images (.png, .jpg, .bmp, .tif)")
+        raise InputError(f"{folder} holds neither a bag ({', '.join(BAG_FORMATS)}) nor images (.png, .jpg, .bmp, .tif)")
     return sources
 
 
@@ -158,10 +165,10 @@ def _files_listed(folder: Path, problems: list[str]) -> list[str]:
 
 
 def bag_suffix(path: Path) -> str:
-    """.mcap, .db3 or .bag, also under .zstd or, while it is recorded, .active; empty for any other file."""
+    """A key of BAG_FORMATS, also under .zstd or, while it is recorded, .active; empty for any other file."""
     name = path.with_suffix("") if path.suffix.lower() in (".zstd", ".active") else path
     suffix = name.suffix.lower()
-    return suffix if suffix in [known.suffix for known in BAG_FORMATS] else ""
+    return suffix if suffix in BAG_FORMATS else ""
 
 
 def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:
@@ -179,11 +186,11 @@ def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:
             raise InputError(f"{packed} is empty or damaged")
         with open(path, "rb") as file:
             start = file.read(16)
-    by_magic = [known for known in BAG_FORMATS if start.startswith(known.magic)]
-    by_name = [known for known in BAG_FORMATS if known.suffix == bag_suffix(path)]
+    by_magic = [known for known in BAG_FORMATS.values() if start.startswith(known.magic)]
+    by_name = [BAG_FORMATS[suffix] for suffix in [bag_suffix(path)] if suffix]
     for known in by_magic + by_name:
         return known.open(path)
-    raise InputError(f"{path} is neither a bag (.mcap, .db3, .bag) nor an image nor a folder of either")
+    raise InputError(f"{path} is neither a bag ({', '.join(BAG_FORMATS)}) nor an image nor a folder of either")
 
 
 def _decompressed(path: Path, scratch: Path, problems: list[str]) -> Path:
