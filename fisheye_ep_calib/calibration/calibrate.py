@@ -8,25 +8,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.assessing.family_spread import with_family_spread
-from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
-from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
+from fisheye_ep_calib.calibration.assessing.uncertainty import independent_covariance
 from fisheye_ep_calib.calibration.estimating.adjustment import adjust
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.result import CalibrationResult, Comparison
-from fisheye_ep_calib.calibration.selecting.model_selection import (
-    Candidate,
-    Search,
-    candidate,
-    choose,
-    supported_pupils,
-    with_needed_lens,
-)
-from fisheye_ep_calib.calibration.selecting.outliers import Screening, huber_fit, screen
+from fisheye_ep_calib.calibration.result import CalibrationResult
+from fisheye_ep_calib.calibration.selecting.model_selection import Search, choose
+from fisheye_ep_calib.calibration.selecting.outliers import RejectedPoint, Screening, huber_fit, screen
 from fisheye_ep_calib.calibration.structure import LENS, Structure
-from fisheye_ep_calib.camera import LENS_EXTRAS
+from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 
 AUTO = "auto"
@@ -74,11 +65,68 @@ class Options:
 def calibrate(observations: Observations, model: str = AUTO, **options) -> CalibrationResult:
     """Calibrate a camera. options: those of ``Options.of``. Raises CalibrationError, InputError.
 
-    A named model is fitted as it is, skew included, and compared with the single-viewpoint camera; "auto" fits all
-    models, decides skew, tangential terms and board warp, and takes what the data support.
+    A named model is fitted as it is, skew included and the board flat, and nothing else: what judges it is worked out
+    when it is looked at (result.py). "auto" fits all models, decides skew, tangential terms and board warp, and takes
+    what the data support.
     """
     settings = Options.of(**options)
     base = base_structure(settings, model)
+    screened = _screened_fit(observations, settings, base)
+    began = time.perf_counter()
+    choice, fit = None, screened.fit
+    if model == AUTO:
+        choice = choose(screened.start, base, _open_questions(settings, fit.sightings.features.board.planar))
+        fit = choice.chosen.fit
+    seconds = screened.seconds | {"compare": time.perf_counter() - began}
+    _refuse_unexplained(fit)
+    _refuse_undetermined(fit)
+    result = CalibrationResult(fit, screened.rejected, screened.wrong_views, seconds, choice, settings.svp_distance)
+    if np.isfinite(settings.svp_distance):
+        _ = result.stand_in  # refuses a distance that is too near
+    return result
+
+
+@dataclass(frozen=True)
+class RoughCamera:
+    """Good enough to say where in an image the target is. camera: valid to the largest angle seen.
+
+    camera_from_target (V, 4, 4): metres, poses in the images of these numbers, view_images (V,).
+    seconds: as in ``CalibrationResult``, without "compare".
+    """
+
+    camera: FisheyeCamera
+    camera_from_target: np.ndarray
+    view_images: np.ndarray
+    seconds: dict[str, float]
+
+
+def rough_camera(observations: Observations, model: str = AUTO, **options) -> RoughCamera:
+    """What a second look at the images needs of a first calibration: camera and poses, and nothing chosen or judged.
+
+    Takes the arguments of ``calibrate``. The camera is the named model, or for "auto" one with an even pupil; wrong
+    sightings are left out. Raises CalibrationError, InputError.
+    """
+    settings = Options(**options)
+    screened = _screened_fit(observations, settings, base_structure(settings, model))
+    fit = screened.fit
+    _refuse_unexplained(fit)
+    camera = replace(fit.state.camera, theta_max=fit.largest_angle)
+    return RoughCamera(camera, fit.state.camera_from_target, fit.sightings.images, screened.seconds)
+
+
+@dataclass(frozen=True)
+class _ScreenedFit:
+    """fit: the base structure, without wrong sightings, from ``start``. The rest as in ``CalibrationResult``."""
+
+    start: Fit
+    fit: Fit
+    rejected: tuple[RejectedPoint, ...]
+    wrong_views: tuple[int, ...]
+    seconds: dict[str, float]
+
+
+def _screened_fit(observations: Observations, settings: Options, base: Structure) -> _ScreenedFit:
+    """Fit the base structure from nothing, mend wrong poses and leave out wrong sightings."""
     started = time.perf_counter()
     sightings = prepare(observations, settings.disc_centers)
     _refuse_alike_views(sightings)
@@ -91,42 +139,14 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         start, fit = refine(mended, start.structure), mended
     adjusted = time.perf_counter()
     screening = Screening(huber_fit(start, fit), (), ()) if settings.loss == "huber" else screen(start, fit)
-    screened = time.perf_counter()
-    reasons: tuple[str, ...] = ()
-    if model == AUTO:
-        choice = choose(screening.start, base, _open_questions(settings, sightings.features.board.planar))
-        candidates, fit, reasons = choice.candidates, choice.chosen.fit, choice.reasons
-        supported = choice.pupil_supported
-    else:
-        fit = fit if screening.start is start else refine(screening.start, base)
-        candidates = _side_by_side(fit)
-        supported = bool(supported_pupils(with_needed_lens(candidates)))
+    if screening.start is not start:
+        fit = refine(screening.start, base)
     seconds = {
         "initialize": initialized - started,
         "adjust": adjusted - initialized,
-        "screen": screened - adjusted,
-        "compare": time.perf_counter() - screened,
+        "screen": time.perf_counter() - adjusted,
     }
-    _refuse_undetermined(fit)
-    known = uncertainty(fit)
-    if model == AUTO and fit.structure.pupil_terms:
-        known = with_family_spread(known, fit, [one.fit for one in candidates.values() if one.structure.pupil_terms])
-    comparison = {name: _comparison(one) for name, one in candidates.items()}
-    if fit.structure.name in comparison:
-        comparison[fit.structure.name] = replace(comparison[fit.structure.name], covariance=known.covariance)
-    camera = replace(fit.state.camera, theta_max=fit.largest_angle)
-    return CalibrationResult(
-        camera=camera,
-        fit=fit,
-        uncertainty=known,
-        stand_in=single_viewpoint(camera, settings.svp_distance),
-        rejected=screening.rejected,
-        wrong_views=screening.wrong_views,
-        entrance_pupil_supported=supported,
-        comparison=comparison,
-        reasons=reasons,
-        seconds=seconds,
-    )
+    return _ScreenedFit(screening.start, fit, screening.rejected, screening.wrong_views, seconds)
 
 
 def base_structure(settings: Options, model: str) -> Structure:
@@ -152,31 +172,6 @@ def _open_questions(settings: Options, planar: bool) -> Search:
     )
 
 
-def _side_by_side(fit: Fit) -> dict[str, Candidate]:
-    """The named model beside the single-viewpoint camera, everything else alike."""
-    own = candidate(fit, fit.structure)
-    other = "ep_even" if fit.structure.model == "kannala" else "kannala"
-    beside = candidate(fit, replace(fit.structure, model=other, terms=None, target_axis=False))
-    pair = {fit.structure.name: own, other: beside}
-    return {"kannala": pair["kannala"], **pair}
-
-
-def _comparison(one: Candidate) -> Comparison:
-    camera = one.fit.state.camera
-    try:
-        covariance = uncertainty(one.fit).covariance
-    except np.linalg.LinAlgError:
-        covariance = np.full((len(camera.parameters),) * 2, np.nan)
-    return Comparison(
-        one.structure.name,
-        one.fit.rms_px,
-        one.validation.rms_px,
-        one.structure.parameter_count,
-        camera,
-        covariance,
-    )
-
-
 def _refuse_warp_of_solid(sightings: Sightings, base: Structure) -> None:
     if base.board_warp and not sightings.features.board.planar:
         raise CalibrationError("a board warp needs a flat target; this one has depth: leave --board-warp away")
@@ -196,13 +191,17 @@ def _refuse_alike_views(sightings: Sightings) -> None:
         )
 
 
-def _refuse_undetermined(fit: Fit) -> None:
-    """Refuse a camera that explains nothing, and one whose focal length the views leave open."""
+def _refuse_unexplained(fit: Fit) -> None:
+    """Refuse a camera that explains nothing."""
     if fit.median_px > _NO_CAMERA * max(fit.sightings.observations.image_size):
         raise CalibrationError(
             f"no camera explains the points (half of them are off by {fit.median_px:.0f} px or more): "
             "check that the target file describes the board in the images"
         )
+
+
+def _refuse_undetermined(fit: Fit) -> None:
+    """Refuse a camera whose focal length the views leave open."""
     if not _focal_length_determined(fit):
         raise CalibrationError(
             "the views do not determine the focal length (its standard deviation is over a fifth of its value): "
@@ -217,16 +216,16 @@ def _focal_length_determined(fit: Fit) -> bool:
     """
     _, values = fit.shared_parameters
     try:
-        found = uncertainty(fit)
+        sigma_px, covariance = independent_covariance(fit)
     except np.linalg.LinAlgError:
         return False
     # Not more than independent noise leaves open: a model that does not fit is another matter.
-    variance = np.diag(found.shared)[:2] / found.clustering
+    variance = np.diag(covariance)[:2]
     if not ((variance >= 0) & (variance <= (_LOOSE * values[:2]) ** 2)).all():
         return False
     if (variance <= (_SURE * values[:2]) ** 2).all():
         return True
-    least = fit.adjustment.equations.cost + 0.5 * found.sigma_px**2
+    least = fit.adjustment.equations.cost + 0.5 * sigma_px**2
     return all(_cost_at(fit, scale) > least for scale in (1 + _LOOSE, 1 / (1 + _LOOSE)))
 
 

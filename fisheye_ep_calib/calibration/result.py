@@ -1,16 +1,32 @@
-"""What a calibration gives back: the camera, what was used, how well it is known, and the verdict."""
+"""What a calibration gives back: the camera, what was used, how well it is known, and the verdict.
+
+Only the fit is made by the calibration itself. Everything that judges it is worked out when it is first looked at.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.diagnosis import Diagnosis, diagnose
-from fisheye_ep_calib.calibration.assessing.stand_in import StandIn
-from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable, Uncertainty, projection_table
+from fisheye_ep_calib.calibration.assessing.family_spread import with_family_spread
+from fisheye_ep_calib.calibration.assessing.stand_in import StandIn, single_viewpoint
+from fisheye_ep_calib.calibration.assessing.uncertainty import (
+    ProjectionTable,
+    Uncertainty,
+    projection_table,
+    uncertainty,
+)
 from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.selecting.model_selection import (
+    Candidate,
+    Choice,
+    side_by_side,
+    supported_pupils,
+    with_needed_lens,
+)
 from fisheye_ep_calib.calibration.selecting.outliers import RejectedPoint
 from fisheye_ep_calib.camera import FisheyeCamera
 
@@ -35,25 +51,64 @@ class CalibrationResult:
     """A calibrated camera and what is to be known about it.
 
     fit: the chosen fit. rejected: sightings left out as wrong; wrong_views: images left out whole.
-    comparison: other models side by side. reasons: what was chosen and why, a line each.
     seconds: spent in "initialize" and "adjust" (the first fit of the model), "screen" (wrong sightings) and
-    "compare" (the other models, cross-validation).
+    "compare" (the other models, cross-validation; 0 for a named model, which is compared when that is looked at).
+    choice: what "auto" compared and took; None for a named model.
+    svp_distance: metres, for which the single-viewpoint stand-in is fitted.
     """
 
-    camera: FisheyeCamera
     fit: Fit
-    uncertainty: Uncertainty
-    stand_in: StandIn
     rejected: tuple[RejectedPoint, ...]
     wrong_views: tuple[int, ...]
-    entrance_pupil_supported: bool
-    comparison: dict[str, Comparison]
-    reasons: tuple[str, ...]
     seconds: dict[str, float]
+    choice: Choice | None = None
+    svp_distance: float = np.inf
+
+    @cached_property
+    def camera(self) -> FisheyeCamera:
+        """The camera, valid to the largest angle of incidence that the fit rests on."""
+        return replace(self.fit.state.camera, theta_max=self.fit.largest_angle)
 
     @property
     def model(self) -> str:
         return self.fit.structure.name
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What "auto" chose and why, a line each."""
+        return self.choice.reasons if self.choice else ()
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """Of the fit; after a choice with what the choice of the pupil's family leaves open."""
+        own = uncertainty(self.fit)
+        if self.choice is None or not self.fit.structure.pupil_terms:
+            return own
+        families = [one.fit for one in self.choice.candidates.values() if one.structure.pupil_terms]
+        return with_family_spread(own, self.fit, families)
+
+    @cached_property
+    def stand_in(self) -> StandIn:
+        """The single-viewpoint camera of CameraInfo. Raises CalibrationError where ``svp_distance`` is too near."""
+        return single_viewpoint(self.camera, self.svp_distance)
+
+    @cached_property
+    def candidates(self) -> dict[str, Candidate]:
+        """The models compared: those of the choice, or a named model beside the single-viewpoint camera."""
+        return self.choice.candidates if self.choice else side_by_side(self.fit)
+
+    @cached_property
+    def comparison(self) -> dict[str, Comparison]:
+        """Other models side by side, by name."""
+        found = {name: _comparison(one) for name, one in self.candidates.items()}
+        if self.model in found:
+            found[self.model] = replace(found[self.model], covariance=self.uncertainty.covariance)
+        return found
+
+    @cached_property
+    def entrance_pupil_supported(self) -> bool:
+        """Whether the data support a pupil that moves, whatever model was named."""
+        return self.choice.pupil_supported if self.choice else bool(supported_pupils(with_needed_lens(self.candidates)))
 
     @property
     def camera_from_target(self) -> np.ndarray:
@@ -105,3 +160,19 @@ class CalibrationResult:
     def reprojection_error(self) -> np.ndarray:
         """Predicted minus measured pixels (M, 2), by observation row; NaN in images left out."""
         return self.fit.residuals[0]
+
+
+def _comparison(one: Candidate) -> Comparison:
+    camera = one.fit.state.camera
+    try:
+        covariance = uncertainty(one.fit).covariance
+    except np.linalg.LinAlgError:
+        covariance = np.full((len(camera.parameters),) * 2, np.nan)
+    return Comparison(
+        one.structure.name,
+        one.fit.rms_px,
+        one.validation.rms_px,
+        one.structure.parameter_count,
+        camera,
+        covariance,
+    )

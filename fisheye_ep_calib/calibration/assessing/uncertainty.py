@@ -38,16 +38,24 @@ class Uncertainty:
 
 def uncertainty(fit: Fit) -> Uncertainty:
     """Of a converged fit."""
-    equations = fit.adjustment.equations
-    variance, weight = noise_variance(fit.problem.loss, fit.weighted_square, fit.degrees_of_freedom)
-    information = reduced_information(equations) / weight
-    clustering = _clustering(fit, variance)
-    shared = clustering * variance * solve_scaled(information, np.eye(len(information)))
-    shared = 0.5 * (shared + shared.T)
+    sigma_px, independent = independent_covariance(fit)
+    clustering = _clustering(fit, sigma_px**2)
+    shared = clustering * independent
     free = np.flatnonzero(fit.problem.free)
     covariance = np.zeros((len(fit.problem.free),) * 2)
     covariance[np.ix_(free, free)] = shared[: len(free), : len(free)]
-    return Uncertainty(float(np.sqrt(variance)), covariance, shared, _gauge(fit), clustering)
+    return Uncertainty(sigma_px, covariance, shared, _gauge(fit), clustering)
+
+
+def independent_covariance(fit: Fit) -> tuple[float, np.ndarray]:
+    """σ, px, of one coordinate, and σ² I⁻¹ (S, S) of the shared parameters, for residuals that are independent.
+
+    Raises numpy.linalg.LinAlgError where the sightings leave some of them open.
+    """
+    variance, weight = noise_variance(fit.problem.loss, fit.weighted_square, fit.degrees_of_freedom)
+    information = reduced_information(fit.adjustment.equations) / weight
+    shared = variance * solve_scaled(information, np.eye(len(information)))
+    return float(np.sqrt(variance)), 0.5 * (shared + shared.T)
 
 
 def _clustering(fit: Fit, variance: float) -> float:

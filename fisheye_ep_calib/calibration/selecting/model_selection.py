@@ -55,6 +55,15 @@ def candidate(start: Fit, structure: Structure) -> Candidate:
     return Candidate(fit, cross_validate(fit))
 
 
+def side_by_side(fit: Fit) -> dict[str, Candidate]:
+    """A named model's fit beside the single-viewpoint camera, or that beside an even pupil, everything else alike."""
+    own = Candidate(fit, cross_validate(fit))
+    other = "ep_even" if fit.structure.model == "kannala" else "kannala"
+    beside = candidate(fit, replace(fit.structure, model=other, terms=None, target_axis=False))
+    pair = {fit.structure.name: own, other: beside}
+    return {"kannala": pair["kannala"], **pair}
+
+
 def supported(rich: Candidate, plain: Candidate, significance: float = _SIGNIFICANCE) -> bool:
     """Whether the data support a richer structure: the nested test must, and it must predict held-out views better.
 
