@@ -111,6 +111,8 @@ def looking(arguments: argparse.Namespace, log: Log | None = None) -> Iterator[L
     with open_recording(arguments.source, strict=arguments.strict) as recording:
         for problem in recording.problems:
             print(f"warning: {problem}", file=sys.stderr)
+        for note in recording.notes:
+            print(f"note: {note}", file=sys.stderr)
         topics = _named_topics(recording, arguments.topic)
         for topic in topics.values():
             if len(folders := recording.folders(topic)) > 1:
@@ -226,10 +228,10 @@ def from_run(name: str, run: DetectionRun, target: Target, source: str) -> Camer
 
 
 def _named_topics(recording: Recording, given: list[str]) -> dict[str, str]:
-    """Camera name → topic, from NAME=TOPIC or TOPIC arguments, or the only image topic."""
+    """Camera name → topic, from NAME=TOPIC or TOPIC arguments, the only image topic, or every folder of images."""
     named = topics_given(given)
-    topics = choose_topics(recording, tuple(named.values()))
-    return named or {camera_name(topics[0]): topics[0]}
+    topics = choose_topics(recording, tuple(named.values()), several=True)
+    return named or dict(zip(numbered_alike(map(camera_name, topics)), topics, strict=True))
 
 
 def topics_given(given: list[str]) -> dict[str, str]:

@@ -59,13 +59,17 @@ class Recording:
     """Several cameras' images from one or more files. Pickles, so that every worker reads for itself.
 
     problems: what of the recording is lost, in words; empty for an undamaged one.
+    notes: how its images were told apart, in words.
     topics: every topic → its type, those without images too.
     """
 
-    def __init__(self, sources: Sequence[Source], problems: Sequence[str] = (), scratch=None) -> None:
+    def __init__(
+        self, sources: Sequence[Source], problems: Sequence[str] = (), notes: Sequence[str] = (), scratch=None
+    ) -> None:
         self._sources = tuple(sources)
         self._scratch = scratch
         self.problems = tuple(problems)
+        self.notes = tuple(notes)
         self.topics: dict[str, str] = {}
         self._frames: dict[str, list[tuple[Source, Entry]]] = {}
         for source in self._sources:
@@ -102,8 +106,12 @@ class Recording:
         return len(self._frames.get(topic, ()))
 
     def stamps(self, topic: str) -> list[int]:
-        """When each image of a topic was recorded, nanoseconds; 0, 1, 2 … for image files."""
+        """When each image of a topic was recorded, nanoseconds; 0, 1, 2 … for image files not named by their time."""
         return [entry.stamp_ns for _, entry in self._frames.get(topic, ())]
+
+    def timed(self, topic: str) -> bool:
+        """Whether ``stamps`` are of a clock: those of a bag, and of image files whose names are times."""
+        return all(source.timed for source, _ in self._frames.get(topic, ()))
 
     def identities(self, topic: str) -> list[str]:
         """What tells each image of a topic from others, unread: its time, or an image file's path."""
@@ -146,9 +154,9 @@ def open_recording(paths: str | os.PathLike | Sequence[str | os.PathLike], *, st
     """
     names = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     scratch = tempfile.TemporaryDirectory(prefix="fisheye_ep_calib_")
-    recording = Recording((), (), scratch)
+    recording = Recording((), scratch=scratch)
     try:
-        recording = Recording(*find_sources(names, Path(scratch.name)), scratch)
+        recording = Recording(*find_sources(names, Path(scratch.name)), scratch=scratch)
         if strict and recording.problems:
             raise InputError(_first_of(recording.problems))
         if not recording.image_topics():
@@ -159,13 +167,16 @@ def open_recording(paths: str | os.PathLike | Sequence[str | os.PathLike], *, st
     return recording
 
 
-def choose_topics(recording: Recording, wanted: Sequence[str] = ()) -> tuple[str, ...]:
-    """The topics to use: those wanted, or the only one. Raises InputError that lists the candidates."""
+def choose_topics(recording: Recording, wanted: Sequence[str] = (), several: bool = False) -> tuple[str, ...]:
+    """The topics to use: those wanted, or the only one; with ``several`` every camera of a recording of image files.
+
+    Raises InputError that lists the candidates.
+    """
     topics = recording.image_topics()
     listed = ", ".join(map(str, topics))
     if not wanted:
-        if len(topics) == 1:
-            return (topics[0].name,)
+        if len(topics) == 1 or (several and all(topic.type == IMAGE_FILE for topic in topics)):
+            return tuple(topic.name for topic in topics)
         raise InputError(f"the recording has {len(topics)} image topics: {listed}; choose with --topic NAME=TOPIC")
     for name in wanted:
         if name not in {topic.name for topic in topics}:

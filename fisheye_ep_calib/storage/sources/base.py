@@ -35,8 +35,10 @@ class Source:
     read by themselves.
 
     topics: every topic in the file → its type as ROS 2 spells it. entries: image topics → their images.
-    problems: what of the file is lost, in words a user understands.
+    problems: what of the file is lost, in words a user understands. timed: its entries' times are of a clock.
     """
+
+    timed = True
 
     def __init__(self, path: Path) -> None:
         self.path = path

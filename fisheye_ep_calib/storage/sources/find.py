@@ -15,7 +15,8 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
 from fisheye_ep_calib.storage.sources.base import BagSource, Source
 from fisheye_ep_calib.storage.sources.copies import without_copies
-from fisheye_ep_calib.storage.sources.image_files import ImageFiles, is_image_file, natural_order
+from fisheye_ep_calib.storage.sources.image_files import is_image_file, natural_order
+from fisheye_ep_calib.storage.sources.image_folders import ImageFolder, image_folders, image_sources
 
 MAX_METADATA_BYTES = 2**24
 
@@ -52,8 +53,16 @@ BAG_FORMATS: dict[str, BagFormat] = {
 }
 
 
-def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> tuple[list[Source], list[str]]:
-    """The sources that ``paths`` name, and what of them is lost, in words.
+class Found(NamedTuple):
+    """problems: what of the sources is lost. notes: how their images were told apart. Both in words."""
+
+    sources: list[Source]
+    problems: list[str]
+    notes: list[str]
+
+
+def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> Found:
+    """The sources that ``paths`` name.
 
     scratch: a folder for what must be decompressed before it can be read. Raises InputError where nothing is.
     """
@@ -61,20 +70,28 @@ def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> tuple[lis
         raise InputError("no recording is named")
     sources: list[Source] = []
     problems: list[str] = []
+    notes: list[str] = []
+    folders: list[ImageFolder] = []
     loose_images: list[Path] = []
     try:
         for path in _expand(paths):
             if is_image_file(path):
                 loose_images.append(path)
             elif path.is_dir():
-                sources += _sources_in_folder(path, scratch, problems)
+                bags = _bags_in(path)
+                if bags is None:
+                    folders += _images_within(path)
+                else:
+                    sources += _sources_of_bag_folder(path, bags, scratch, problems)
             else:
                 sources.append(_open_bag(path, scratch, problems))
-        taken = {file.resolve() for source in sources if isinstance(source, ImageFiles) for file in source.files}
+        taken = {file.resolve() for folder in folders for file in folder.files}
         loose_images = [path for path in loose_images if path.resolve() not in taken]
-        for folder in dict.fromkeys(path.parent for path in loose_images):
-            files = [path for path in loose_images if path.parent == folder]
-            sources.append(ImageFiles(folder.absolute().name or "images", files))
+        by_folder: dict[Path, list[Path]] = {}
+        for path in loose_images:
+            by_folder.setdefault(path.parent, []).append(path)
+        folders += [ImageFolder(folder, tuple(files)) for folder, files in by_folder.items()]
+        sources += image_sources(folders, notes, problems)
         for source in sources:
             problems += source.problems
         problems += without_copies([source for source in sources if isinstance(source, BagSource)])
@@ -82,7 +99,7 @@ def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> tuple[lis
         for source in sources:
             source.close()
         raise
-    return sources, problems
+    return Found(sources, problems, notes)
 
 
 def _expand(paths: Sequence[str | os.PathLike]) -> list[Path]:
@@ -103,7 +120,8 @@ def _expand(paths: Sequence[str | os.PathLike]) -> list[Path]:
     return list(each.values())
 
 
-def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list[Source]:
+def _bags_in(folder: Path) -> list[Path] | None:
+    """The bag files of a folder; None where it is one of images."""
     try:
         contents = sorted(folder.iterdir(), key=natural_order)
     except OSError as error:
@@ -111,17 +129,15 @@ def _sources_in_folder(folder: Path, scratch: Path, problems: list[str]) -> list
     bags = [path for path in contents if path.is_file() and bag_suffix(path)]
     unpacked = {path.with_suffix("") for path in bags if path.suffix == ".zstd"}  # players leave these beside
     bags = [path for path in bags if path not in unpacked]
-    images = [path for path in contents if is_image_file(path)]
-    if bags or (not images and (folder / "metadata.yaml").exists()):
-        return _sources_of_bag_folder(folder, bags, scratch, problems)
-    if images:
-        return [ImageFiles(folder.absolute().name or "images", images)]
-    folders = [path for path in contents if path.is_dir() and not path.name.startswith(".")]
-    by_camera = {path: [file for file in path.iterdir() if is_image_file(file)] for path in folders}
-    sources: list[Source] = [ImageFiles(path.name, files) for path, files in by_camera.items() if files]
-    if not sources:
+    has_images = any(is_image_file(path) for path in contents)
+    return bags if bags or (not has_images and (folder / "metadata.yaml").exists()) else None
+
+
+def _images_within(folder: Path) -> list[ImageFolder]:
+    found = image_folders(folder)
+    if not found:
         raise InputError(f"{folder} holds neither a bag ({', '.join(BAG_FORMATS)}) nor images (.png, .jpg, .bmp, .tif)")
-    return sources
+    return found
 
 
 def _sources_of_bag_folder(folder: Path, bags: list[Path], scratch: Path, problems: list[str]) -> list[Source]:

@@ -12,6 +12,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.images import decode_file_content
 from fisheye_ep_calib.storage.pictures import Picture, decode_picture_content
 from fisheye_ep_calib.storage.sources.base import Entry, Source
+from fisheye_ep_calib.storage.sources.image_names import times_in_names
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
 IMAGE_FILE = "image file"
@@ -19,13 +20,16 @@ MAX_FILE_BYTES = 2**30
 
 
 class ImageFiles(Source):
-    """An entry's location is (number of the file,); its time is that number, for files carry no time."""
+    """An entry's location is (number of the file,); its time is that of the file's name, or that number."""
 
     def __init__(self, topic: str, files: Iterable[Path]) -> None:
         self.files = sorted(files, key=natural_order)
         super().__init__(self.files[0].parent)
         self.topics[topic] = IMAGE_FILE
-        self.entries[topic] = [Entry(number, (number,)) for number in range(len(self.files))]
+        times = times_in_names([file.name for file in self.files])
+        self.timed = times is not None
+        entries = [Entry(time, (number,)) for number, time in enumerate(times or range(len(self.files)))]
+        self.entries[topic] = sorted(entries)
 
     def name(self, entry: Entry) -> str:
         return self.files[entry.location[0]].name

@@ -1,0 +1,138 @@
+"""From folders of images to cameras: one folder each, one folder of folders, or several cameras in one folder."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.image_header import declared_size
+from fisheye_ep_calib.storage.sources.image_files import MAX_FILE_BYTES, ImageFiles, is_image_file, natural_order
+from fisheye_ep_calib.storage.sources.image_names import cameras_in_names
+
+_DEEPEST = 4  # folders within folders: mav0/cam0/data, camera/left/images/png
+_MOST_FOLDERS = 10_000
+# What folders are called for what they hold, whichever camera took it.
+_PLAIN_NAMES = frozenset(
+    "data image images image_raw image_mono image_color img imgs frame frames raw rgb color grey gray mono "
+    "png jpg jpeg bmp tif tiff calib calibration mav0".split()
+)
+_CAMERA_NAME = re.compile(
+    r"(?:.*[^a-z])?"
+    r"(?:(?:cam|camera|fisheye|fish|lens|sensor|gopro|webcam|device)[ _-]*[\da-h]|left|right|front|rear|back)"
+    r"(?:[^a-z].*)?"
+)
+
+
+@dataclass(frozen=True)
+class ImageFolder:
+    """Image files that lie together. name: what to call their camera, once that is clear.
+
+    within: the folders down to them from the one that the user named, outermost first.
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    within: tuple[str, ...] = ()
+    name: str = ""
+
+
+def image_folders(folder: Path) -> list[ImageFolder]:
+    """The images in a folder or else, named apart, those in the folders within it; none where there are none.
+
+    Raises InputError where a folder cannot be read, or there are folders without end.
+    """
+    here = _images_in(folder)
+    if here:
+        return [ImageFolder(folder, here)]
+    found, below, seen = [], [(folder, ())], 0
+    for _ in range(_DEEPEST):
+        level: list[tuple[Path, tuple[str, ...]]] = []
+        for path, within in below:
+            level += [(one, (*within, one.name)) for one in _folders_in(path)]
+        seen += len(level)
+        if seen > _MOST_FOLDERS:
+            raise InputError(f"{folder} holds more than {_MOST_FOLDERS} folders: name those with the images")
+        with_images = [ImageFolder(path, _images_in(path), within) for path, within in level]
+        found += [one for one in with_images if one.files]
+        below = [(one.path, one.within) for one in with_images if not one.files]
+    return _named_apart(sorted(found, key=lambda one: [natural_order(Path(part)) for part in one.within]))
+
+
+def image_sources(folders: Sequence[ImageFolder], notes: list[str], problems: list[str]) -> list[ImageFiles]:
+    """One source a camera and folder. notes: how images were told apart, for the user; problems: what is left out."""
+    sources = []
+    for folder in _named_by_themselves(folders):
+        found = cameras_in_names([file.name for file in folder.files], lambda place: _size(folder.files[place]))  # noqa: B023
+        if found is None:
+            sources.append(ImageFiles(folder.name, folder.files))
+            continue
+        prefix = f"{folder.name}_" if len(folders) > 1 else ""
+        for camera, places in found.numbers.items():
+            sources.append(ImageFiles(prefix + camera, [folder.files[place] for place in places]))
+        cameras = ", ".join(f"{prefix}{camera} ({len(places)} images)" for camera, places in found.numbers.items())
+        notes.append(f"{folder.path}: by their names its images are of {len(found.numbers)} cameras: {cameras}")
+        if found.strays:
+            strays = ", ".join(folder.files[place].name for place in found.strays)
+            problems.append(f"{folder.path}: {strays}: of none of its cameras by name, left out")
+    return sources
+
+
+def _images_in(folder: Path) -> tuple[Path, ...]:
+    return tuple(sorted((path for path in _contents(folder) if is_image_file(path)), key=natural_order))
+
+
+def _folders_in(folder: Path) -> list[Path]:
+    return [path for path in _contents(folder) if path.is_dir() and not path.name.startswith(".")]
+
+
+def _contents(folder: Path) -> list[Path]:
+    try:
+        return sorted(map(Path, (entry.path for entry in os.scandir(folder))), key=natural_order)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read: {error.strerror or error}") from None
+
+
+def _named_apart(folders: list[ImageFolder]) -> list[ImageFolder]:
+    """Each named by the one part of its path that names a camera, or by what sets its path apart from the others'."""
+    marks = [[part for part in one.within if _is_camera(part)] for one in folders]
+    if folders and all(len(mark) == 1 for mark in marks):
+        return [replace(one, name=mark[0]) for one, mark in zip(folders, marks, strict=True)]
+    shared = len(os.path.commonprefix([one.within[:-1] for one in folders]))
+    short = ["_".join(_without_plain(one.within[shared:]) or one.within[-1:]) for one in folders]
+    taken = Counter(short)
+    return [
+        replace(one, name=name if taken[name] == 1 else "_".join(one.within))
+        for one, name in zip(folders, short, strict=True)
+    ]
+
+
+def _named_by_themselves(folders: Sequence[ImageFolder]) -> list[ImageFolder]:
+    """Folders that the user named are called what they are called or, where that says nothing, what holds them is."""
+    parents = {one.path.absolute().parent for one in folders if not one.name}
+    named = []
+    for one in folders:
+        own, parent = one.path.absolute().name or "images", one.path.absolute().parent.name
+        plain = own.lower() in _PLAIN_NAMES and parent
+        name = parent if plain and (_is_camera(parent) or len(parents) > 1) else own
+        named.append(one if one.name else replace(one, name=name))
+    return named
+
+
+def _is_camera(part: str) -> bool:
+    return _CAMERA_NAME.fullmatch(part.lower()) is not None
+
+
+def _without_plain(parts: Iterable[str]) -> list[str]:
+    return [part for part in parts if part.lower() not in _PLAIN_NAMES]
+
+
+def _size(path: Path) -> tuple[int, int] | None:
+    try:
+        return declared_size(path.read_bytes()) if path.stat().st_size <= MAX_FILE_BYTES else None
+    except (OSError, InputError):
+        return None
