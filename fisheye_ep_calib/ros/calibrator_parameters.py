@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from fisheye_ep_calib.calibration.calibrate import AUTO
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
@@ -131,24 +130,13 @@ def _initial(camera: str, path: str) -> Outcome | None:
 
 
 def _target(table: ParameterTable, camera: str, needed: bool) -> Target | None:
-    """A camera's target; a bare file name is also looked for among the targets that come with the package."""
+    """A camera's target; a bare name is also looked for among the targets that come with the package."""
     key = f"{camera}.target" if table[f"{camera}.target"] else "target"
     if not table[key] and not needed:
         return None
     if not table[key]:
         raise InputError(f"parameter {camera}.target: say which target file (YAML) the camera sees")
-    path = Path(table[key]).expanduser()
-    if not path.exists() and len(path.parts) == 1:
-        path = _shipped_target(path.name) or path
     try:
-        return load_target(path)
+        return load_target(table[key])
     except InputError as error:
         raise InputError(f"parameter {key}: {error}") from None
-
-
-def _shipped_target(name: str) -> Path | None:
-    try:
-        path = Path(get_package_share_directory("fisheye_ep_calib")) / "config" / "targets" / name
-    except PackageNotFoundError:
-        return None
-    return path if path.is_file() else None

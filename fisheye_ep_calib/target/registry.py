@@ -12,14 +12,21 @@ from fisheye_ep_calib.target.boards.charuco import Charuco
 from fisheye_ep_calib.target.boards.chessboard import Chessboard
 from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 from fisheye_ep_calib.target.schema import Keys
+from fisheye_ep_calib.target.shipped import find_target_file, shipped_files
 from fisheye_ep_calib.yaml_file import read_yaml
 
 TARGETS: dict[str, type[Target]] = {kind.kind: kind for kind in (CircleGrid, Chessboard, Charuco, AprilGrid)}
 
 
 def load_target(path: str | PathLike) -> Target:
-    """Read a target file (YAML): this project's keys or Kalibr's. Raises InputError in one line."""
-    path = Path(path)
+    """Read a target file (YAML), this project's keys or Kalibr's; a bare name finds a shipped one. Raises InputError in
+    one line.
+    """
+    path = find_target_file(Path(path).expanduser())
+    if not path.exists():
+        raise InputError(
+            f"cannot read target file {path}: it is not there; shipped, by name: {', '.join(shipped_files())}"
+        )
     return parse_target(read_yaml(path, "target"), str(path), path.stem)
 
 
@@ -38,6 +45,16 @@ def parse_target(values, source: str = "target", name: str = "target") -> Target
         chosen = keys.get("type")
     else:
         raise InputError(f"{source}: type is missing; known: {', '.join(TARGETS)}")
-    if not isinstance(chosen, str) or chosen not in known:
+    kind = next((name for name in known if isinstance(chosen, str) and same_kind(name, chosen)), None)
+    if kind is None:
         raise InputError(f"{source}: unknown type {chosen!r}; known: {', '.join(known)}")
-    return known[chosen](keys, name)
+    return known[kind](keys, name)
+
+
+def same_kind(one: str, other: str) -> bool:
+    """Whether two names mean one kind: in other capitals, without the underscore, or checkerboard for chessboard."""
+
+    def plain(name: str) -> str:
+        return name.lower().replace("_", "").replace("-", "").replace("chess", "checker")
+
+    return plain(one) == plain(other)

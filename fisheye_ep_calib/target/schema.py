@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from fisheye_ep_calib.errors import InputError
 
 LARGEST_COUNT = 500
+MILLIMETRES = 1.0  # a length of so many metres and more was meant in millimetres
 
 
 class Keys:
@@ -32,12 +33,12 @@ class Keys:
             raise self.fail(key, "is missing")
         return self._values[key]
 
-    def count(self, key: str, least: int) -> int:
-        """A whole number from ``least`` to 500."""
+    def count(self, key: str, least: int, most: int = LARGEST_COUNT) -> int:
+        """A whole number from ``least`` to ``most``."""
         value = self._need(key)
         whole = isinstance(value, (int, float)) and not isinstance(value, bool) and float(value).is_integer()
-        if not whole or not least <= value <= LARGEST_COUNT:
-            raise self.fail(key, f"must be a whole number from {least} to {LARGEST_COUNT}, not {value!r}")
+        if not whole or not least <= value <= most:
+            raise self.fail(key, f"must be a whole number from {least} to {most}, not {value!r}")
         return int(value)
 
     def positive(self, key: str) -> float:
@@ -52,10 +53,10 @@ class Keys:
         return number
 
     def metres(self, key: str) -> float:
-        """A length above zero; one of 50 m or more is taken for a slip in the unit."""
+        """A length above zero; one of 1 m or more is taken for millimetres."""
         value = self.positive(key)
-        if value >= 50:
-            raise self.fail(key, f"is {value:g}; lengths are in metres")
+        if value >= MILLIMETRES:
+            raise self.fail(key, f"is in metres, and {value:g} looks like millimetres: write {value / 1000:g}")
         return value
 
     def flag(self, key: str) -> bool:

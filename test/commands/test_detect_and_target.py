@@ -130,3 +130,19 @@ def test_target_refuses(command, folder) -> None:
     (folder / "wall.yaml").write_text(DISCS.replace("0.012", "0.12").replace("0.004", "0.04"))
     command("target", "wall.yaml", "-o", "a.pdf").refused(2, "does not fit on a4")
     assert not (folder / "a.pdf").exists()
+
+
+def test_target_lists_the_shipped_ones_and_writes_one_to_edit(command, tmp_path) -> None:
+    listed = command("target")
+    assert listed.code == 0
+    names = [line.split()[0] for line in listed.out.splitlines()]
+    assert names == sorted(names) and "circle_grid_11x7" in names
+    for kind in ("chessboard", "checkerboard", "circle_grid", "charuco", "aprilgrid"):
+        written = command("target", "--new", kind)
+        assert written.code == 0 and "#" in written.out
+        (tmp_path / "board.yaml").write_text(written.out)
+        assert command("target", "board.yaml").code == 0
+    assert command("target", "circle_grid_11x7", "--output", "x.svg").code == 0
+    command("target", "--new", "hexagons").refused(2, "--new hexagons: give a kind, circle_grid, chessboard")
+    command("target", "--output", "y.svg").refused(2, "TARGET")
+    command("target", "circle_grid_11x7", "--new", "chessboard").refused(2, "--new")

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.target import load_target, parse_target
+from fisheye_ep_calib.target import load_target, parse_target, shipped
 from fisheye_ep_calib.target.boards.charuco import Charuco
+from fisheye_ep_calib.target.markers.aruco import MARKERS, aruco_dictionary
 
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "config" / "targets").glob("*.yaml"))
 DISCS = {"type": "circle_grid", "columns": 11, "rows": 7, "spacing": 0.012, "radius": 0.004}
@@ -80,8 +81,8 @@ def test_kalibr_files():
         ({"spacing": float("nan")}, "spacing must be a positive number"),
         ({"spacing": "wide"}, "spacing must be a positive number"),
         ({"spacing": True}, "spacing must be a positive number"),
-        ({"spacing": 12}, "radius"),
-        ({"spacing": 120}, "lengths are in metres"),
+        ({"spacing": 12}, "spacing is in metres, and 12 looks like millimetres: write 0.012"),
+        ({"radius": 4}, "4 looks like millimetres: write 0.004"),
         ({"radius": 0.0061}, "touch"),
         ({"columns": 0}, "columns must be a whole number"),
         ({"columns": 1.5}, "columns must be a whole number"),
@@ -97,21 +98,107 @@ def test_kalibr_files():
 )
 def test_what_is_wrong_is_named_in_one_line(change, words):
     values = {**DISCS, **change}
-    if change.get("spacing") == 12:
-        values["radius"] = 7.0
     with pytest.raises(InputError, match=words) as caught:
         parse_target(values, "board.yaml")
     assert "\n" not in str(caught.value) and "board.yaml" in str(caught.value)
 
 
 def test_what_is_too_large_for_kalibrs_spacing_or_a_dictionary_is_refused():
-    grid = {"target_type": "circlegrid", "targetCols": 4, "targetRows": 5, "spacingMeters": 0.012, "radius": 4}
+    grid = {"target_type": "circlegrid", "targetCols": 4, "targetRows": 5, "spacingMeters": 0.012, "radius": 0.04}
     with pytest.raises(InputError, match="touch"):
         parse_target(grid)
     board = {"type": "charuco", "columns": 12, "rows": 9, "spacing": 0.02, "marker_size": 0.015}
     with pytest.raises(InputError, match="DICT_APRILTAG_16h5 has too few markers for 65"):
         parse_target({**board, "dictionary": "DICT_APRILTAG_16h5"})
     assert parse_target({**board, "dictionary": "DICT_APRILTAG_36h11"}).kind == "charuco"
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"type": "chessboard", "columns": 9, "rows": 6, "spacing": 7.5},
+        {"type": "charuco", "columns": 9, "rows": 6, "spacing": 0.02, "marker_size": 7.5},
+        {"type": "aprilgrid", "columns": 6, "rows": 5, "tag_size": 7.5, "tag_gap": 0.006},
+        {"target_type": "aprilgrid", "tagCols": 6, "tagRows": 5, "tagSize": 7.5, "tagSpacing": 0.3},
+        {"target_type": "circlegrid", "targetCols": 6, "targetRows": 5, "spacingMeters": 7.5},
+        {
+            "target_type": "checkerboard",
+            "targetCols": 6,
+            "targetRows": 5,
+            "rowSpacingMeters": 7.5,
+            "colSpacingMeters": 7.5,
+        },
+    ],
+    ids=lambda keys: "-".join(str(value) for value in list(keys.values())[:1]) + "-".join(list(keys)[:1]),
+)
+def test_millimetres_are_told_in_metres(keys):
+    with pytest.raises(InputError, match=r"7\.5 looks like millimetres: write 0\.0075"):
+        parse_target(keys)
+
+
+@pytest.mark.parametrize("key, value", [("type", "checkerboard"), ("type", "CheckerBoard"), ("type", "chess_board")])
+def test_a_chessboard_by_any_name(key, value):
+    assert parse_target({key: value, "columns": 9, "rows": 6, "spacing": 0.02}).kind == "chessboard"
+
+
+@needs_aruco
+@pytest.mark.parametrize(
+    "name", ["DICT_APRILTAG_36H11", "cv2.aruco.DICT_APRILTAG_36h11", "aruco::DICT_APRILTAG_36h11", "APRILTAG_36h11"]
+)
+def test_dictionaries_by_opencvs_names(name):
+    board = parse_target(
+        {"type": "charuco", "columns": 5, "rows": 4, "spacing": 0.02, "marker_size": 0.01, "dictionary": name}
+    )
+    assert board.dictionary == "DICT_APRILTAG_36h11"
+    assert len(board.tag_bits) == 15
+
+
+@needs_aruco
+@pytest.mark.parametrize("name, count", MARKERS.items())
+def test_the_dictionaries_are_as_large_as_opencvs(name, count):
+    if not hasattr(cv2.aruco, name):
+        pytest.skip("this OpenCV does not know it yet")
+    assert len(aruco_dictionary(name, "a test").bytesList) == count
+
+
+@needs_aruco
+def test_kalibrs_code_offset_and_the_first_tag():
+    kalibr = {"target_type": "aprilgrid", "tagCols": 6, "tagRows": 5, "tagSize": 0.02, "tagSpacing": 0.3}
+    own = {"type": "aprilgrid", "columns": 6, "rows": 5, "tag_size": 0.02, "tag_gap": 0.006}
+    plain = parse_target(own)
+    for keys in ({**kalibr, "codeOffset": 48}, {**kalibr, "first_tag": 48}, {**own, "first_tag": 48}):
+        later = parse_target(keys)
+        assert later.first_tag == 48
+        np.testing.assert_array_equal(later.object_points, plain.object_points)
+        assert not np.array_equal(later.tag_bits, plain.tag_bits)
+    assert parse_target({**kalibr, "codeOffset": 0}).first_tag == 0
+    with pytest.raises(InputError, match="first_tag must be a whole number from 0 to 557, not 558"):
+        parse_target({**own, "first_tag": 558})
+
+
+def test_a_bare_name_finds_a_shipped_target(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert load_target("chessboard_9x6").columns == 9
+    assert load_target(Path("chessboard_9x6.yaml")).columns == 9
+    Path("chessboard_9x6.yaml").write_text("type: chessboard\ncolumns: 4\nrows: 3\nspacing: 0.02\n")
+    assert load_target("chessboard_9x6.yaml").columns == 4  # one's own comes first
+    with pytest.raises(InputError, match="shipped, by name: aprilgrid_6x5, "):
+        load_target("chessboard_9x7")
+    with pytest.raises(InputError, match="cannot read"):
+        load_target("elsewhere/chessboard_9x6")
+
+
+def test_shipped_targets_are_found_where_they_are_installed(tmp_path, monkeypatch):
+    module = tmp_path / "lib" / "python3" / "site-packages" / "fisheye_ep_calib" / "target" / "shipped.py"
+    folder = tmp_path / "share" / "fisheye_ep_calib" / "config" / "targets"
+    folder.mkdir(parents=True)
+    (folder / "mine.yaml").write_text("type: chessboard\n")
+    monkeypatch.setattr(shipped, "__file__", str(module))
+    shipped.shipped_folder.cache_clear()
+    try:
+        assert shipped.shipped_files() == {"mine": folder / "mine.yaml"}
+    finally:
+        shipped.shipped_folder.cache_clear()
 
 
 @pytest.mark.parametrize("missing", ["type", "columns", "rows", "spacing", "radius"])

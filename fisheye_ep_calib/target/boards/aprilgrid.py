@@ -22,13 +22,15 @@ class AprilGrid(Target):
 
     Kalibr's frame and order: x to the right, **y up**, z out of the print; tag 0 at the bottom left, numbers
     rising to the right and then up; point (2·rows of corners upwards) row·2·columns + column. tag_size: a
-    tag's side with its black border of two cells, tag_gap: the white gap between tags, metres.
+    tag's side with its black border of two cells, tag_gap: the white gap between tags, metres. first_tag: the number
+    that tag 0 has in the family; the others follow it.
     """
 
     columns: int
     rows: int
     tag_size: float
     tag_gap: float
+    first_tag: int = 0
 
     kind = "aprilgrid"
     kalibr_kind = "aprilgrid"
@@ -36,30 +38,32 @@ class AprilGrid(Target):
 
     @staticmethod
     def from_keys(keys: Keys, name: str) -> AprilGrid:
-        keys.only(("type", "name", "columns", "rows", "tag_size", "tag_gap"))
+        keys.only(("type", "name", "columns", "rows", "tag_size", "tag_gap", "first_tag"))
         columns, rows = _tags(keys, "columns", "rows")
+        first_tag = _first_tag(keys, "first_tag", columns * rows)
         tag_size, tag_gap = keys.metres("tag_size"), keys.metres("tag_gap")
         if not 0.05 * tag_size <= tag_gap <= tag_size:
             raise keys.fail("tag_gap", "must lie between 0.05 and 1 of the tag_size")
-        return AprilGrid.create(keys.text("name", name), columns, rows, tag_size, tag_gap)
+        return AprilGrid.create(keys.text("name", name), columns, rows, tag_size, tag_gap, first_tag)
 
     @staticmethod
     def from_kalibr(keys: Keys, name: str) -> AprilGrid:
-        keys.only(("target_type", "tagCols", "tagRows", "tagSize", "tagSpacing"))
+        keys.only(("target_type", "tagCols", "tagRows", "tagSize", "tagSpacing", "codeOffset", "first_tag"))
         columns, rows = _tags(keys, "tagCols", "tagRows")
         tag_size, ratio = keys.metres("tagSize"), keys.positive("tagSpacing")
         if not 0.05 <= ratio <= 1:
             raise keys.fail("tagSpacing", f"is the gap as a share of the tag, between 0.05 and 1, not {ratio:g}")
-        return AprilGrid.create(name, columns, rows, tag_size, ratio * tag_size)
+        first_tag = _first_tag(keys, "first_tag" if "first_tag" in keys else "codeOffset", columns * rows)
+        return AprilGrid.create(name, columns, rows, tag_size, ratio * tag_size, first_tag)
 
     @staticmethod
-    def create(name: str, columns: int, rows: int, tag_size: float, tag_gap: float) -> AprilGrid:
+    def create(name: str, columns: int, rows: int, tag_size: float, tag_gap: float, first_tag: int = 0) -> AprilGrid:
         """Numbers of tags; lengths in metres."""
         column, row = np.meshgrid(np.arange(2 * columns), np.arange(2 * rows))
         grid = np.stack([column, row], axis=-1).reshape(-1, 2)
         points = np.zeros((len(grid), 3))
         points[:, :2] = (grid // 2) * (tag_size + tag_gap) + (grid % 2) * tag_size
-        return AprilGrid(name, points, None, columns, rows, tag_size, tag_gap)
+        return AprilGrid(name, points, None, columns, rows, tag_size, tag_gap, first_tag)
 
     @property
     def tag_points(self) -> np.ndarray:
@@ -79,7 +83,7 @@ class AprilGrid(Target):
         """Cells (tags, 10, 10) from each tag's bottom-left corner, row by row in y (upwards), 1 white."""
         dictionary = aruco_dictionary(DICTIONARY, "an AprilGrid")
         # Kalibr prints the family as its authors draw it; OpenCV holds it turned by 180°.
-        turned = marker_bits(dictionary, np.arange(self.rows * self.columns), BORDER_CELLS)
+        turned = marker_bits(dictionary, self.first_tag + np.arange(self.rows * self.columns), BORDER_CELLS)
         return turned[:, :, ::-1]
 
     @property
@@ -111,3 +115,8 @@ def _tags(keys: Keys, columns_key: str, rows_key: str) -> tuple[int, int]:
             rows_key, f"times {columns_key} is {columns * rows}; the family 36h11 has {TAGS_IN_FAMILY} tags"
         )
     return columns, rows
+
+
+def _first_tag(keys: Keys, key: str, count: int) -> int:
+    """The number of the first of so many tags in the family, 0 where it is not given."""
+    return keys.count(key, 0, TAGS_IN_FAMILY - count) if key in keys else 0

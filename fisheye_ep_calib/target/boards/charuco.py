@@ -9,7 +9,7 @@ import numpy as np
 from fisheye_ep_calib.target.base import Artwork, Target, bounding_board, rectangular_grid
 from fisheye_ep_calib.target.boards.chessboard import black_squares
 from fisheye_ep_calib.target.detection import Detector
-from fisheye_ep_calib.target.markers.aruco import MARKERS, aruco_dictionary, bits_as_quads, marker_bits
+from fisheye_ep_calib.target.markers.aruco import MARKERS, aruco_dictionary, bits_as_quads, dictionary_name, marker_bits
 from fisheye_ep_calib.target.schema import Keys
 
 
@@ -39,9 +39,10 @@ class Charuco(Target):
             raise keys.fail(
                 "marker_size", f"must be smaller than the square's {spacing:g} m (and at least a fifth of it)"
             )
-        dictionary = keys.text("dictionary", "DICT_5X5_250")
-        if dictionary not in MARKERS:
-            raise keys.fail("dictionary", f"{dictionary} is unknown; known: {', '.join(MARKERS)}")
+        given = keys.text("dictionary", "DICT_5X5_250")
+        dictionary = dictionary_name(given)
+        if dictionary is None:
+            raise keys.fail("dictionary", f"{given} is unknown; known: {', '.join(MARKERS)}")
         target = Charuco.create(
             keys.text("name", name), columns, rows, spacing, marker_size, dictionary, keys.flag("legacy")
         )

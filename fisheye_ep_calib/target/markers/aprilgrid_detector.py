@@ -46,14 +46,15 @@ class AprilGridDetector:
         return detect_stretched(self._detect, image)
 
     def _detect(self, image: np.ndarray) -> Detection:
-        markers = find_markers(image, self.dictionary, BORDER_CELLS, len(self.marker_points), "an AprilGrid")
-        if len(markers.identity) == 0:
+        numbers = self.target.first_tag + np.arange(len(self.marker_points))
+        markers = find_markers(image, self.dictionary, BORDER_CELLS, numbers, "an AprilGrid")
+        if len(markers.place) == 0:
             return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)
         size = self.target.tag_size
         # Of few tags each has to tell more.
-        reach = 0.72 if len(markers.identity) >= MANY_MARKERS else 1.6
+        reach = 0.72 if len(markers.place) >= MANY_MARKERS else 1.6
         start, jacobian, known = corners_by_markers(
-            self.marker_points[markers.identity], markers.corners, self.points, reach * size
+            self.marker_points[markers.place], markers.corners, self.points, reach * size
         )
         pixels, found = complete_corners(image, self.points, start, jacobian, known, self.around, size)
         return finish(image, self.points, pixels, found, start[known & ~found], "tag corners")

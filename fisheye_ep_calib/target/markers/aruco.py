@@ -13,6 +13,7 @@ MARKERS = {f"DICT_{n}X{n}_{count}": count for n in (4, 5, 6, 7) for count in (50
     "DICT_APRILTAG_25h9": 35,
     "DICT_APRILTAG_36h10": 2320,
     "DICT_APRILTAG_36h11": 587,
+    "DICT_ARUCO_MIP_36h12": 250,
 }  # how many each of OpenCV's dictionaries has
 
 
@@ -27,10 +28,19 @@ def require_aruco(what: str):
     return module
 
 
+def dictionary_name(given: str) -> str | None:
+    """The key of MARKERS that is meant: as in OpenCV, in any capitals, with its namespace or without ``DICT_``."""
+    last = given.replace("::", ".").rsplit(".", 1)[-1].upper().removeprefix("DICT_")
+    return next((name for name in MARKERS if name.upper() == f"DICT_{last}"), None)
+
+
 def aruco_dictionary(name: str, what: str):
     """One of OpenCV's predefined dictionaries by its name."""
     module = require_aruco(what)
-    return module.getPredefinedDictionary(getattr(module, name))
+    number = getattr(module, name, None)
+    if number is None:
+        raise InputError(f"OpenCV {cv2.__version__} here does not know {name} yet")
+    return module.getPredefinedDictionary(number)
 
 
 def marker_bits(dictionary, identities: np.ndarray, border: int) -> np.ndarray:

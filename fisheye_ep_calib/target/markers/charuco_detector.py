@@ -40,13 +40,13 @@ class CharucoDetector:
         return detect_stretched(self._detect, image)
 
     def _detect(self, image: np.ndarray) -> Detection:
-        markers = find_markers(image, self.dictionary, 1, len(self.marker_points), "a ChArUco board")
-        if len(markers.identity) == 0:
+        markers = find_markers(image, self.dictionary, 1, np.arange(len(self.marker_points)), "a ChArUco board")
+        if len(markers.place) == 0:
             return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)
         # Of few markers each has to tell more.
-        reach = 0.8 if len(markers.identity) >= MANY_MARKERS else 1.7
+        reach = 0.8 if len(markers.place) >= MANY_MARKERS else 1.7
         start, jacobian, known = corners_by_markers(
-            self.marker_points[markers.identity], markers.corners, self.points, reach * self.target.spacing
+            self.marker_points[markers.place], markers.corners, self.points, reach * self.target.spacing
         )
         pixels, found = complete_corners(image, self.points, start, jacobian, known, self.around, self.target.spacing)
         return finish(image, self.points, pixels, found, start[known & ~found], "corners")

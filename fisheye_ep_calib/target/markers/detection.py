@@ -19,19 +19,20 @@ SHARPENING = ((1.5, 1.5), (3.0, 3.0))  # σ, pixels, and amount of the unsharp m
 
 @dataclass(frozen=True)
 class Markers:
-    """identity (m,): numbers. corners (m, 4, 2): pixels, clockwise from the marker's own top left.
+    """place (m,): in the list of the board's numbers. corners (m, 4, 2): pixels, clockwise from the own top left.
 
     rejected (r, 2): centres of quadrilaterals that are no known marker.
     """
 
-    identity: np.ndarray
+    place: np.ndarray
     corners: np.ndarray
     rejected: np.ndarray
 
 
-def find_markers(image: np.ndarray, dictionary, border: int, known: int, what: str) -> Markers:
-    """Find the markers 0 … known − 1 of a dictionary. border: their black cells around. what: for the error
-    message.
+def find_markers(image: np.ndarray, dictionary, border: int, numbers: np.ndarray, what: str) -> Markers:
+    """Find a board's markers, numbers (k,) of a dictionary in rising order.
+
+    border: their black cells around. what: for the error message.
 
     A number that is seen twice is left out: one of the two is not the board's.
     """
@@ -52,20 +53,21 @@ def find_markers(image: np.ndarray, dictionary, border: int, known: int, what: s
         side = max(image.shape) / factor
         settings.minMarkerPerimeterRate = min(4 * SMALLEST_CELL * cells / side, 0.5)
         found.append(_run(module.ArucoDetector(dictionary, settings), image, factor))
-        if len(np.intersect1d(found[-1][0], np.arange(known))) >= MOSTLY_FOUND * known:
+        if len(np.intersect1d(found[-1][0], numbers)) >= MOSTLY_FOUND * len(numbers):
             break
-    if len(np.unique(np.concatenate([part[0] for part in found]))) < min(FEW, known):
+    if len(np.unique(np.concatenate([part[0] for part in found]))) < min(FEW, len(numbers)):
         settings.minMarkerPerimeterRate = min(4 * SMALLEST_CELL * cells / max(image.shape), 0.5)
         found += _run_sharpened(module.ArucoDetector(dictionary, settings), image)
     identity, corners, rejected = (np.concatenate(parts) for parts in zip(*found, strict=True))
     keep = np.zeros(len(identity), dtype=bool)
-    for number in np.unique(identity[identity < known]):
+    for number in np.intersect1d(identity, numbers):
         same = np.flatnonzero(identity == number)
         middles = corners[same].mean(axis=1)
         size = np.ptp(corners[same[0]], axis=0).max()
         if np.hypot(*(middles - middles[0]).T).max() < 0.3 * size:
             keep[same[-1]] = True
-    return Markers(identity[keep], corners[keep], rejected)
+    place = np.searchsorted(numbers, identity[keep])
+    return Markers(place, corners[keep], rejected)
 
 
 def _factors(image: np.ndarray) -> tuple[int, ...]:
