@@ -25,7 +25,7 @@ help:
 
 environment: $(READY)
 
-$(READY): setup.py setup.cfg
+$(READY): setup.py setup.cfg package.xml
 	@test -n "$(PYTHON)" || { echo "Python 3.10 to 3.13 is needed and none was found: install one and run make PYTHON=python3.X"; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 		echo "$(PYTHON) has no venv: install it with 'sudo apt-get install python3-venv' and run make again"; exit 1; }

@@ -1,10 +1,13 @@
 """Installed by pip (without ROS, or with the extra [ros]) and by colcon as an ament_python package."""
 
+import xml.etree.ElementTree as ElementTree
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 NAME = "fisheye_ep_calib"
+VERSION = ElementTree.parse(Path(__file__).resolve().with_name("package.xml")).findtext("version")
 
 # calib-targets has wheels for these machines only; elsewhere OpenCV's whole-board detector finds chessboards.
 HAS_CALIB_TARGETS = (
@@ -19,8 +22,10 @@ ROS = [
     "ros-jazzy-rmw-fastrtps-cpp",
 ]
 CLUSTER = ["distributed>=2023.5"]
+COMPLETION = ["argcomplete>=3.0"]
 TEST = [
     *CLUSTER,
+    *COMPLETION,
     "pytest>=8",
     "pytest-timeout>=2.3",
     "pytest-xdist>=3.5",
@@ -34,7 +39,7 @@ TEST = [
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version=VERSION,
     description="Fisheye camera calibration with the entrance pupil, from bags or live ROS 2 images",
     license="Apache-2.0",
     maintainer="fisheye_ep_calib maintainers",
@@ -61,7 +66,7 @@ setup(
         "jinja2>=3.0",
         f"calib-targets>=0.15,<0.16; {HAS_CALIB_TARGETS}",
     ],
-    extras_require={"cluster": CLUSTER, "ros": ROS, "test": TEST},
+    extras_require={"cluster": CLUSTER, "completion": COMPLETION, "ros": ROS, "test": TEST},
     entry_points={
         "console_scripts": [
             "fisheye_ep_calib = fisheye_ep_calib.cli:main",

@@ -20,8 +20,9 @@ import numpy as np
 from monte_carlo import Scene, fit_from_nothing, markdown, spread_over
 
 from fisheye_ep_calib import FisheyeCamera, calibrate
-from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma, uncertainty
+from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.simulation import paper_camera, paper_poses, paper_target
 
 NOISE = 0.15  # px of each coordinate

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from fisheye_ep_calib import calibrate
-from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty, pupil_sigma
+from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
+from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.simulation import observe, random_poses
 from fisheye_ep_calib.simulation.ray_traced_camera import laikin_camera
 from fisheye_ep_calib.target.boards.chessboard import Chessboard

@@ -21,7 +21,7 @@ from monte_carlo import markdown, spread_over
 
 from fisheye_ep_calib import CalibrationResult, Observations, calibrate
 from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
-from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma
+from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target
 
 MODELS = ("kannala", "ep_odd", "ep_even", "gennery")

@@ -1,3 +1,4 @@
+# PYTHON_ARGCOMPLETE_OK
 """The command ``fisheye_ep_calib``: turns errors into one line and an exit code.
 
 It imports next to nothing before ``main`` is in charge, which an interruption may reach at any time.
@@ -25,11 +26,14 @@ _INTERRUPTED = 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code: 0 done, 1 could not, 2 wrong usage or input, 130 Ctrl-C."""
     try:
-        parser = _parser()
+        words = sys.argv[1:] if arguments is None else list(arguments)
+        if "_ARGCOMPLETE" in os.environ:  # a shell asks, by argcomplete, what may come next
+            return _complete()
+        parser = _parser(words)
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")  # a terminal that knows no θ, a file name that is no text
-        parsed = parser.parse_args(arguments)
+        parsed = parser.parse_args(words)
         return parsed.run(parsed)
     except CalibrationError as error:
         return _fail(str(error), error.exit_code)
@@ -44,8 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail("out of memory", 1)
 
 
-def _parser() -> argparse.ArgumentParser:
-    """The command line's, with every import that it takes; and signals as the commands want them."""
+def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """The command line's, with every import that these words take; and signals as the commands want them."""
     in_charge = threading.current_thread() is threading.main_thread()
     if in_charge:
         signal.signal(signal.SIGTERM, _end_at_once)
@@ -57,12 +61,25 @@ def _parser() -> argparse.ArgumentParser:
         from fisheye_ep_calib.commands.parser import build_parser
 
         logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
-        return build_parser(PROGRAM)
+        return build_parser(PROGRAM, words)
     finally:
         if in_charge:
             signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C: what was found is kept
             if signal.getsignal(signal.SIGINT) is _end_at_once:
                 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _complete() -> int:
+    """Answer the shell as argcomplete's protocol has it; nothing where argcomplete is not installed."""
+    try:
+        import argcomplete
+    except ImportError:
+        return 1
+    from fisheye_ep_calib.commands.parser import build_parser
+
+    typed = os.environ.get("COMP_LINE", "").split()[1:]
+    argcomplete.autocomplete(build_parser(PROGRAM, typed))  # ends the process
+    return 0
 
 
 def _end_at_once(_signal, _frame) -> None:

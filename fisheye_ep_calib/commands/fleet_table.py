@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
 
 from fisheye_ep_calib.commands.reporting import RECORD
 from fisheye_ep_calib.commands.show import camera_json
@@ -138,6 +137,8 @@ def robust_z(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 def threshold(devices: int) -> float:
     """|z| from which on one of so many devices is odd: as rare in Student's t with devices − 1 degrees of freedom as
     3.5 is in the normal distribution, for the spread of few devices is not well known; 10.5 for 5, 4.2 for 20."""
+    from scipy.special import ndtr, stdtrit
+
     return -float(stdtrit(devices - 1, ndtr(-ODD))) if devices >= FEWEST else np.inf
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+from collections.abc import Sequence
 from typing import NoReturn
 
 COMMANDS = {
@@ -32,19 +33,33 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
-def build_parser(program: str) -> argparse.ArgumentParser:
-    """program: the name that it goes by. What it parses has ``run``, to be called with it."""
+class _Version(argparse.Action):
+    """Prints the version, which is looked up only where it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from fisheye_ep_calib.version import __version__
+
+        print(f"{parser.prog} {__version__}")
+        parser.exit()
+
+
+def build_parser(program: str, words: Sequence[str]) -> argparse.ArgumentParser:
+    """program: the name that it goes by. What it parses has ``run``, to be called with it.
+
+    words: what is to be parsed. Only the command that it names is imported: all of them take five times as long as
+    NumPy.
+    """
     parser = _Parser(program, description=DESCRIPTION)
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    asked = next((word for word in words if not word.startswith("-")), None)
     for name, summary in COMMANDS.items():
+        command = commands.add_parser(name, help=summary, formatter_class=argparse.RawDescriptionHelpFormatter)
+        if name != asked:
+            continue
         module = importlib.import_module(f"fisheye_ep_calib.commands.{name.replace('-', '_')}")
-        command = commands.add_parser(
-            name,
-            help=summary,
-            description=getattr(module, "DESCRIPTION", summary),
-            epilog=getattr(module, "EPILOG", None),
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
+        command.description = getattr(module, "DESCRIPTION", summary)
+        command.epilog = getattr(module, "EPILOG", None)
         module.add_arguments(command)
         command.set_defaults(run=module.run)
     return parser

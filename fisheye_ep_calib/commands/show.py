@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma, radius_sigma
+from fisheye_ep_calib.camera.bands import pupil_sigma, radius_sigma
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
-from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma
+from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.commands.sources import CameraSource
 
 _MOST_LISTED = 8

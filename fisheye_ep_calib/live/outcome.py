@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
-from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty, pupil_sigma
+from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.live.advice import Advice, advise
 from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
 from fisheye_ep_calib.storage.camera_info import PlainCameraInfo, plain_camera_info

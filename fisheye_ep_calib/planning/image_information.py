@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
 from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare, refine
 from fisheye_ep_calib.calibration.observations import Observations
@@ -128,6 +127,8 @@ def _middle_between(images: np.ndarray, poses: np.ndarray, between: np.ndarray, 
 
     A hand moves smoothly: the curve foresees how near and how far out the board comes between two images.
     """
+    from scipy.interpolate import Akima1DInterpolator
+
     center = poses[:, :3, :3] @ middle + poses[:, :3, 3]
     distance = np.linalg.norm(center, axis=-1) + 1e-12
     known = np.column_stack([center / distance[:, None], np.log(distance)])

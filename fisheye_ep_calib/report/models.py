@@ -7,8 +7,8 @@ import numpy as np
 from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference
 from fisheye_ep_calib.calibration.assessing.diagnosis import NearFarSplit
-from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma, radius_sigma
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.bands import pupil_sigma, radius_sigma
 from fisheye_ep_calib.report.data import LensCurve, ModelCurve, NearFar, Parameter
 
 _SAMPLES = 91

@@ -14,6 +14,7 @@ from os import PathLike
 from fisheye_ep_calib.report.data import View
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.json_text import plain
+from fisheye_ep_calib.version import __version__
 
 SCHEMA = 1
 _LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "opencv-python", "calib-targets", "rosbags", "mcap")
@@ -21,7 +22,7 @@ _LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "opencv-python", "cali
 
 def versions() -> dict[str, str]:
     """What the result was made with: this program, Python and the libraries that it counts on."""
-    found = {"fisheye_ep_calib": _version("fisheye_ep_calib") or "(not installed)", "python": platform.python_version()}
+    found = {"fisheye_ep_calib": __version__, "python": platform.python_version()}
     return found | {name: version for name in _LIBRARIES if (version := _version(name))}
 
 

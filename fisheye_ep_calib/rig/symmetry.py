@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fisheye_ep_calib.target.shape.bow import board_frame
 
@@ -40,6 +39,8 @@ def symmetries(object_points: np.ndarray) -> tuple[Symmetry, ...]:
 
     Only turns: a detector keeps the handedness of what it sees.
     """
+    from scipy.spatial import cKDTree
+
     found = list(no_symmetry(object_points))
     frame = board_frame(object_points)
     if not frame.planar or len(object_points) < 2:

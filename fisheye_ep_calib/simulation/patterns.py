@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.target import Artwork, Target
@@ -36,6 +35,8 @@ class Discs:
 
     @staticmethod
     def create(artwork: Artwork) -> Discs:
+        from scipy.spatial import cKDTree
+
         centers, radii = artwork.discs[:, :2], artwork.discs[:, 2]
         tree = cKDTree(centers)
         gap = np.inf

@@ -9,21 +9,24 @@ from __future__ import annotations
 import datetime
 import operator
 from dataclasses import dataclass, field
-from importlib import metadata
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
 
-from fisheye_ep_calib.calibration.result import CalibrationResult
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_info import plain_camera_info
 from fisheye_ep_calib.storage.camera_info_file import camera_info_content
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
+from fisheye_ep_calib.version import __version__
 from fisheye_ep_calib.yaml_file import read_yaml
+
+if TYPE_CHECKING:  # the command show is to answer without what calibrates
+    from fisheye_ep_calib.calibration.result import CalibrationResult
 
 SCHEMA = 1
 
@@ -89,7 +92,7 @@ def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
             "board_warp": _floats(result.board_warp),
             "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
             "source": str(source),
-            "software": f"fisheye_ep_calib {_version()}",
+            "software": f"fisheye_ep_calib {__version__}",
         },
     }
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1 << 16)
@@ -107,13 +110,6 @@ def _projection_uncertainty(result: CalibrationResult) -> dict:
 
 def _floats(values) -> list[float]:
     return [float(value) for value in values]
-
-
-def _version() -> str:
-    try:
-        return metadata.version("fisheye_ep_calib")
-    except metadata.PackageNotFoundError:
-        return "(not installed)"
 
 
 def load_camera(path: str | PathLike) -> FisheyeCamera:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from scipy.spatial.transform import Rotation
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
@@ -129,6 +128,8 @@ def _pose(rows) -> np.ndarray:
 
 def quaternion(rotation: np.ndarray) -> np.ndarray:
     """x, y, z, w (4,) of a rotation (3, 3), w ≥ 0, as tf has it."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_matrix(rotation).as_quat(canonical=True)
 
 

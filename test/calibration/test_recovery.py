@@ -9,7 +9,7 @@ import pytest
 from known_scenes import BOARD, CAMERA, deviation, poses_of, rows, seen, seen_board
 
 from fisheye_ep_calib.calibration import Observations, calibrate
-from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma
+from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.storage.observation_file import load_observations
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -9,7 +9,7 @@ import pytest
 from known_scenes import CAMERA, seen_board
 
 from fisheye_ep_calib.calibration import calibrate
-from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma
+from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses
 from fisheye_ep_calib.target.boards.chessboard import Chessboard
 

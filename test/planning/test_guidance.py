@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma, uncertainty
+from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.estimating.adjustment import evaluate
 from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare, refine
 from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
 from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.planning.guidance import next_view
 from fisheye_ep_calib.planning.view_information import variance_reduction, view_information
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_target, random_poses

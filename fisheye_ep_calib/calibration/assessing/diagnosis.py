@@ -12,9 +12,10 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference, camera_difference
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
-from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma, uncertainty
+from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, of_images, refine
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.bands import pupil_sigma
 
 RING_DEGREES = 15
 SECTORS = len(SECTOR_NAMES)

@@ -13,8 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.assessing.uncertainty import Uncertainty, pupil_sigma
+from fisheye_ep_calib.calibration.assessing.uncertainty import Uncertainty
 from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.camera.bands import pupil_sigma
 
 _SAMPLES = 60  # angles
 

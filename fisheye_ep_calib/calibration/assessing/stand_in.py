@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from fisheye_ep_calib.calibration.assessing.camera_difference import SAME_PIXEL, points_on_rays
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
@@ -35,6 +34,8 @@ class StandIn:
 
 def single_viewpoint(camera: FisheyeCamera, distance: float = np.inf) -> StandIn:
     """Fit the stand-in for points at a distance (metres, may be infinite) from the camera frame's origin."""
+    from scipy.optimize import least_squares
+
     pixels, points = _points_over_image(camera, distance)
     if len(points) < _LEAST_POINTS * len(_points_over_image(camera, np.inf)[0]):
         raise CalibrationError(

@@ -105,30 +105,6 @@ def _gauge(fit: Fit) -> np.ndarray:
     return -solve_scaled(motion, mixed)
 
 
-def pupil_sigma(camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Standard deviation of E(θ), metres, shape of θ (rad): √(bᵀ Cov_e b) with b the family's basis."""
-    part = camera.parameter_slice("coefficients")
-    basis = camera.pupil_family.basis(np.asarray(theta, dtype=float), len(camera.coefficients))
-    return _band(basis, covariance[part, part])
-
-
-def radius_sigma(camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Standard deviation of fx r(θ), px, shape of θ (rad)."""
-    theta = np.asarray(theta, dtype=float)
-    part = camera.parameter_slice("radial")
-    columns = np.arange(len(camera.parameters))[part]
-    rows = np.concatenate(
-        [camera.radius(theta)[None], camera.fx * camera.lens_model.radius_jacobian(theta, camera.radial_array)]
-    )
-    index = np.concatenate([[0], columns])
-    return _band(rows, covariance[np.ix_(index, index)])
-
-
-def _band(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """√(rowsᵀ Cov rows) for rows (n, *S)."""
-    return np.sqrt(np.maximum(np.einsum("i...,ij,j...->...", rows, covariance, rows), 0.0))
-
-
 TABLE_DISTANCES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
 _TABLE_STEP = 10  # degrees
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import fdtrc  # the tail of F; scipy.stats would take half a second to load
 
 from fisheye_ep_calib.calibration.estimating.adjustment import evaluate
 from fisheye_ep_calib.calibration.estimating.fit import Fit, opened
@@ -36,7 +35,7 @@ def _f_test(plain: Fit, gain: float, extra: int) -> float:
     """p-value of a gain in cost, px², by ``extra`` parameters more than a fit's."""
     freedom = plain.degrees_of_freedom - extra
     rest = max(plain.adjustment.equations.cost - gain, 1e-300)
-    return float(fdtrc(extra, freedom, max(gain, 0.0) / extra / (rest / freedom)))
+    return _f_tail(extra, freedom, max(gain, 0.0) / extra / (rest / freedom))
 
 
 def first_step_test(structure: Structure, plain: Fit) -> float:
@@ -68,4 +67,11 @@ def _wald_test(rich: Fit, plain: Fit) -> float:
         statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
     except np.linalg.LinAlgError:  # nothing is known about them
         return 1.0
-    return float(fdtrc(len(tested), views - len(tested), statistic)) if np.isfinite(statistic) else 1.0
+    return _f_tail(len(tested), views - len(tested), statistic) if np.isfinite(statistic) else 1.0
+
+
+def _f_tail(extra: int, freedom: int, statistic: float) -> float:
+    """P(F > statistic) with (extra, freedom) degrees of freedom."""
+    from scipy.special import fdtrc  # scipy.stats would take half a second more to load
+
+    return float(fdtrc(extra, freedom, statistic))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
@@ -19,6 +18,8 @@ MARKERS = {f"DICT_{n}X{n}_{count}": count for n in (4, 5, 6, 7) for count in (50
 
 def require_aruco(what: str):
     """The module cv2.aruco, or one line that says how to get it."""
+    import cv2  # not before it is needed: a target's geometry needs no OpenCV
+
     module = getattr(cv2, "aruco", None)
     if module is None or not hasattr(module, "ArucoDetector"):
         raise InputError(

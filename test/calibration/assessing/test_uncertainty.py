@@ -9,7 +9,8 @@ import pytest
 from known_scenes import BOARD, CAMERA, poses_of, seen, seen_board
 
 from fisheye_ep_calib.calibration import Observations, calibrate
-from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty, pupil_sigma, radius_sigma
+from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
+from fisheye_ep_calib.camera.bands import pupil_sigma, radius_sigma
 from fisheye_ep_calib.rotation import rotation_from_vector
 
 pytestmark = pytest.mark.filterwarnings("error")
