@@ -232,9 +232,8 @@ def test_a_termination_ends_like_an_interruption():
     assert "interrupted" in said and "Traceback" not in said
 
 
-@pytest.mark.parametrize("module", ["fisheye_ep_calib.commands.parser", "numpy", "scipy", "cv2"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_while_modules_are_imported_is_one_line(module, number):
+def interrupted_at(module: str, number: int, *words: object) -> tuple[int, str]:
+    """Exit code and stderr of a command line that gets a signal as it begins to import a module."""
     program = (
         "import os, sys\n"
         "class Interrupting:\n"
@@ -242,10 +241,25 @@ def test_an_interruption_while_modules_are_imported_is_one_line(module, number):
         f"        if name == {module!r}: os.kill(os.getpid(), {int(number)})\n"
         "sys.meta_path.insert(0, Interrupting)\n"
         "from fisheye_ep_calib.cli import main\n"
-        "sys.exit(main(['show', 'any.yaml']))"
+        "sys.exit(main(sys.argv[1:]))"
     )
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
-    assert (ended.returncode, ended.stderr) == (130, "fisheye_ep_calib: error: interrupted\n")
+    command_line = [sys.executable, "-c", program, *map(str, words)]
+    ended = subprocess.run(command_line, capture_output=True, text=True, timeout=60)
+    return ended.returncode, ended.stderr
+
+
+@pytest.mark.parametrize("module", ["fisheye_ep_calib.commands.parser", "numpy", "cv2"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_while_modules_are_imported_is_one_line(module, number):
+    said = interrupted_at(module, number, "detect", "any.mcap")
+    assert said == (130, "fisheye_ep_calib: error: interrupted\n")
+
+
+@pytest.mark.parametrize("module", ["scipy", "scipy.linalg", "scipy.special", "scipy.optimize", "scipy.optimize._lsq"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_while_the_work_imports_what_it_needs_is_one_line(module, number, observation_file, tmp_path):
+    words = ("calibrate", observation_file, "--model", "kannala", "--no-report", "--output", tmp_path / "out")
+    assert interrupted_at(module, number, *words) == (130, "fisheye_ep_calib: error: interrupted\n")
 
 
 def test_part_of_an_observation_file_does_not_replace_it(command, observation_file, tmp_path):

@@ -1,4 +1,4 @@
-"""What the command line imports before it answers, and what a shell can complete; times are benchmarks/start_up.py's."""
+"""What the command line imports before it answers, and what a shell can complete. benchmarks/start_up.py has times."""
 
 from __future__ import annotations
 
