@@ -40,7 +40,7 @@ def aruco_dictionary(name: str, what: str):
     module = require_aruco(what)
     number = getattr(module, name, None)
     if number is None:
-        raise InputError(f"OpenCV {cv2.__version__} here does not know {name} yet")
+        raise InputError(f"the OpenCV here does not know {name} yet")
     return module.getPredefinedDictionary(number)
 
 
