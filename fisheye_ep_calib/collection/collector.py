@@ -14,7 +14,7 @@ import numpy as np
 from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
 from fisheye_ep_calib.collection.pool import frame_pool
 from fisheye_ep_calib.collection.progress import progress_bar
-from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, sizes_differ
+from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, sizes_differ, usual_size, without_strays
 from fisheye_ep_calib.collection.workers import Job
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.planning.image_choice import FrameChoice, first_look, next_look
@@ -79,8 +79,9 @@ class Collector:
     def collect(self, topics: Sequence[str], choice: FrameChoice | None = None) -> dict[str, DetectionRun]:
         """Look at the images of these cameras, coarse to fine in time.
 
-        Ctrl-C ends the looking and keeps what was found; so does a topic whose images differ in size, for that topic.
-        Raises InputError where strict and an image cannot be read.
+        Ctrl-C ends the looking and keeps what was found; so does a topic whose images differ in size, for that topic,
+        unless a few alone are of another size: these are left out. Raises InputError where strict and an image cannot
+        be read or is left out.
         """
         choice = choice or FrameChoice()
         if self._log_path is not None:
@@ -99,7 +100,12 @@ class Collector:
             interrupted = self._look(jobs, seen, progress, next_jobs, self._log)
             if not interrupted:
                 progress.total = progress.n  # the rest of what was expected promised nothing new
-        return {topic: DetectionRun(topic, counts[topic], _in_order(seen[topic]), interrupted) for topic in topics}
+        runs = {}
+        for topic in topics:
+            frames = without_strays(_in_order(seen[topic]))
+            self._refuse_strays(frames)
+            runs[topic] = DetectionRun(topic, counts[topic], frames, interrupted)
+        return runs
 
     def refine(self, guides: Sequence[Guide]) -> dict[str, DetectionRun]:
         """Look again, where a first calibration says the target is, at the views that have a pose.
@@ -169,9 +175,17 @@ class Collector:
         if log is not None and (result.topic, result.index) not in log.known:
             log.add(result)
 
+    def _refuse_strays(self, frames: Sequence[FrameResult]) -> None:
+        strays = [frame for frame in frames if frame.stray]
+        if strays and self._strict:
+            raise InputError(f"{strays[0].topic}, image {strays[0].name}: {strays[0].error}")
+
     def _next_look(self, seen: Mapping[int, FrameResult], count: int, choice: FrameChoice) -> list[int]:
-        size = next((frame.image_size for frame in seen.values() if frame.found), None) or (0, 0)
-        found = {index: frame.detection if frame.found else None for index, frame in seen.items()}
+        size = usual_size(tuple(seen.values())) or (0, 0)
+        found = {
+            index: frame.detection if frame.found and frame.image_size == size else None
+            for index, frame in seen.items()
+        }
         return next_look(found, self._target, size, count, choice)
 
     def _progress(self, what: str, total: int):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,13 +12,16 @@ from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.target.detection import Detection
 
+_STRAYS = 5  # one image in so many may be of another size than the rest
+
 
 @dataclass(frozen=True)
 class FrameResult:
     """One image that was looked at.
 
     topic, index: which image, counted from 0 in the order of time. image_size: (width, height); None where it
-    could not be read. error: why it could not be; empty where it could. read_seconds covers decoding.
+    could not be read. error: why it could not be, or why it is of no use; empty where it is. read_seconds covers
+    decoding. stray: its size is another than nearly all others have.
     """
 
     topic: str
@@ -30,6 +33,7 @@ class FrameResult:
     error: str = ""
     read_seconds: float = field(default=0.0, compare=False)
     detect_seconds: float = field(default=0.0, compare=False)
+    stray: bool = False
 
     @property
     def found(self) -> bool:
@@ -93,9 +97,12 @@ class DetectionRun:
     def summary(self) -> str:
         """One line for the user: what was looked at, found, unreadable and passed over."""
         parts = [f"{self.topic}: target found in {len(self.views)} of {len(self.frames)} images"]
-        if self.bad_frames:
-            first = next(frame.error for frame in self.frames if frame.error)
-            parts.append(f"{self.bad_frames} unreadable ({first})")
+        strays = [frame for frame in self.frames if frame.stray]
+        unreadable = [frame for frame in self.frames if frame.error and not frame.stray]
+        if unreadable:
+            parts.append(f"{len(unreadable)} unreadable ({unreadable[0].error})")
+        if strays:
+            parts.append(f"{len(strays)} left out ({strays[0].name}: {strays[0].error})")
         if self.available > len(self.frames):
             parts.append(f"{self.available - len(self.frames)} of {self.available} not looked at")
         if self.interrupted:
@@ -110,8 +117,7 @@ class DetectionRun:
         """
         differ = sizes_differ(self.frames)
         if differ is not None:
-            one, other = ("{} is {}×{}".format(frame.name, *(frame.image_size or (0, 0))) for frame in differ)
-            raise InputError(f"{self.topic}: its images differ in size: {one}, {other}; give images of one size")
+            raise InputError(f"{self.topic}: {differ}")
         views = self.views
         if not views:
             raise self._nothing_found()
@@ -138,7 +144,52 @@ class DetectionRun:
         )
 
 
-def sizes_differ(frames: Sequence[FrameResult]) -> tuple[FrameResult, FrameResult] | None:
-    """The first image, and the first that has another size; None where all are alike."""
-    sized = [frame for frame in frames if frame.image_size is not None]
-    return next(((sized[0], frame) for frame in sized if frame.image_size != sized[0].image_size), None)
+def sizes_differ(frames: Sequence[FrameResult]) -> str | None:
+    """What is wrong with images of several sizes, none of which nearly all have; None where one has."""
+    first: dict[tuple[int, int], FrameResult] = {}
+    counts = _sizes(frames)
+    if usual_size(frames) is not None or not counts:
+        return None
+    for frame in frames:
+        if frame.image_size is not None:
+            first.setdefault(frame.image_size, frame)
+    listed = [f"{first[size].name} is {_times(size)} ({count} of that size)" for size, count in counts.most_common(2)]
+    return (
+        f"its images differ in size: {', '.join(listed)}; are they of two cameras? Give images of one size, "
+        "or each camera's in a folder of its own"
+    )
+
+
+def usual_size(frames: Sequence[FrameResult]) -> tuple[int, int] | None:
+    """The size (width, height) that all images have, or all but a few; None where none is."""
+    counts = _sizes(frames)
+    if not counts:
+        return None
+    size, count = counts.most_common(1)[0]
+    others = sum(counts.values()) - count
+    return size if _STRAYS * others <= count + others else None
+
+
+def without_strays(frames: Sequence[FrameResult]) -> tuple[FrameResult, ...]:
+    """The frames, those of another size than the usual one as images that cannot be used."""
+    usual = usual_size(frames)
+    return tuple(
+        frame
+        if usual is None or frame.image_size in (None, usual)
+        else replace(
+            frame,
+            image_size=None,
+            detection=Detection(),
+            error=f"it is {_times(frame.image_size)}, the others are {_times(usual)}",
+            stray=True,
+        )
+        for frame in frames
+    )
+
+
+def _sizes(frames: Sequence[FrameResult]) -> Counter[tuple[int, int]]:
+    return Counter(frame.image_size for frame in frames if frame.image_size is not None)
+
+
+def _times(size: tuple[int, int] | None) -> str:
+    return "of no size" if size is None else f"{size[0]} × {size[1]}"

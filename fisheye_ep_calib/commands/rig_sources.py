@@ -13,7 +13,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection.progress import progress_bar
-from fisheye_ep_calib.collection.results import DetectionRun, FrameResult
+from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, without_strays
 from fisheye_ep_calib.collection.workers import FrameWorkers, Job
 from fisheye_ep_calib.commands.sources import camera_name, safe_name
 from fisheye_ep_calib.cores import usable_cores
@@ -102,7 +102,9 @@ def _from_recording(names, recording: Recording, target: Target, arguments: argp
     found = _look(recording, target, list(topics.values()), moments, arguments)
     seen = {}
     for camera, (name, topic) in enumerate(topics.items()):
-        run = DetectionRun(topic, recording.count(topic), tuple(found[camera][i] for i in sorted(found[camera])))
+        run = DetectionRun(
+            topic, recording.count(topic), without_strays([found[camera][i] for i in sorted(found[camera])])
+        )
         print(run.summary(), file=sys.stderr)
         taken = np.array([recording.frame(topic, view.index).taken_ns for view in run.views], dtype=np.int64)
         observations = run.observations(target.object_points, target.disc_radius)

@@ -116,9 +116,26 @@ def test_images_of_different_sizes_cost_their_camera_and_no_other(tmp_path):
     write_folder(tmp_path / "rig" / "front", [picture(), picture(), picture(shape=(48, 64))])
     write_folder(tmp_path / "rig" / "rear", [picture()] * 3)
     runs = collect(tmp_path / "rig", ["front", "rear"])
-    with pytest.raises(InputError, match="frame0.png is 80×60, frame2.png is 64×48"):
+    with pytest.raises(
+        InputError,
+        match=r"frame0.png is 80 × 60 \(2 of that size\), frame2.png is 64 × 48 \(1",
+    ):
         runs["front"].observations(TARGET.object_points)
     assert runs["rear"].observations(TARGET.object_points).view_count == 3
+
+
+@pytest.mark.parametrize("place", [0, 3, 6])
+def test_one_image_of_another_size_is_left_out_and_named(tmp_path, place):
+    pictures = [picture(x=i) for i in range(6)]
+    pictures.insert(place, picture(shape=(48, 64)))
+    folder = write_folder(tmp_path / "front", pictures)
+    run = collect(folder, ["front"])["front"]
+    said = {f"frame{place}.png": "it is 64 × 48, the others are 80 × 60"}
+    assert len(run.views) == 6 and run.unused == said and run.image_size == (80, 60)
+    assert f"6 of 7 images, 1 left out (frame{place}.png: it is 64 × 48" in run.summary()
+    assert run.observations(TARGET.object_points).image_size == (80, 60)
+    with pytest.raises(InputError, match=f"frame{place}.png: it is 64 × 48"):
+        collect(folder, ["front"], strict=True)
 
 
 def test_namesakes_that_are_no_views_are_all_told():

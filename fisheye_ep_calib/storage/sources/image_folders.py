@@ -49,7 +49,9 @@ def image_folders(folder: Path) -> list[ImageFolder]:
     here = _images_in(folder)
     if here:
         return [ImageFolder(folder, here)]
-    found, below, seen = [], [(folder, ())], 0
+    found: list[ImageFolder] = []
+    below: list[tuple[Path, tuple[str, ...]]] = [(folder, ())]
+    seen = 0
     for _ in range(_DEEPEST):
         level: list[tuple[Path, tuple[str, ...]]] = []
         for path, within in below:
