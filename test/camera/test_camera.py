@@ -8,7 +8,7 @@ from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
-from known_cameras import LENSES, TERMS, random_camera
+from known_cameras import random_camera
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
@@ -50,27 +50,6 @@ PLAIN = {"image_size": (1000, 800), "fx": 300.0, "fy": 300.0, "cx": 500.0, "cy":
 def test_what_is_no_camera_is_refused(change, word) -> None:
     with pytest.raises(InputError, match=word):
         FisheyeCamera(**{**PLAIN, **change})
-
-
-@pytest.mark.parametrize("model", TERMS)
-@pytest.mark.parametrize("lens", LENSES)
-def test_parameters_go_out_and_in(model: str, lens: str) -> None:
-    camera = random_camera(np.random.default_rng(1), model, lens, ("tangential", "tilt"))
-    names = camera.parameter_names
-    assert len(set(names)) == len(names) == len(camera.parameters)
-    assert camera.with_parameters(camera.parameters) == camera
-    assert names[:5] == ("fx", "fy", "skew", "cx", "cy")
-    marked = camera.with_parameters(np.arange(1.0, len(names) + 1) / 100)
-    value = dict(zip(names, np.arange(1.0, len(names) + 1) / 100, strict=True))
-    assert (marked.fx, marked.skew, marked.cy) == (value["fx"], value["skew"], value["cy"])
-    assert marked.extras == {
-        "tangential": (value["p1"], value["p2"]),
-        "tilt": (value["tau_x"], value["tau_y"]),
-    }
-    assert marked.coefficients == tuple(value[f"e{i + 1}"] for i in range(TERMS[model]))
-    assert (marked.model, marked.lens, marked.image_size) == (model, lens, camera.image_size)
-    with pytest.raises(InputError):
-        camera.with_parameters(camera.parameters[:-1])
 
 
 def test_a_camera_cannot_be_changed() -> None:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from known_cameras import (
-    LENSES,
+    KINDS,
     TERMS,
     kannala_brandt,
     random_camera,
@@ -17,9 +17,6 @@ from known_cameras import (
 )
 
 from fisheye_ep_calib.camera import FisheyeCamera
-
-EXTRAS = [(), ("tangential",), ("tilt",), ("tangential", "tilt")]
-KINDS = [(model, lens, extras) for model in TERMS for lens in LENSES for extras in EXTRAS]
 
 
 def cameras(kind, count: int = 3):

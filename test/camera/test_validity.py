@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from known_cameras import (
-    PUPILS,
     TERMS,
     caustic_distance,
     kannala_brandt,
+    pupil,
     random_camera,
     ray_points,
     true_pixels,
@@ -17,13 +17,14 @@ from known_cameras import (
 
 from fisheye_ep_calib.camera import FisheyeCamera
 
-MOVING = [model for model in TERMS if model != "kannala"]
+MOVING = [model for model, terms in TERMS.items() if terms]
 
 
-def camera_with_shift(model: str, shift: float, theta_max_deg: float, terms: int = 2) -> FisheyeCamera:
+def camera_with_shift(model: str, shift: float, theta_max_deg: float) -> FisheyeCamera:
     """Of |E(90°)| = shift metres, toward the scene where negative, mostly by the first term."""
-    units = [PUPILS[model](np.array(np.pi / 2), unit) for unit in np.eye(terms)]
-    coefficients = tuple(float(share * shift / unit) for share, unit in zip((0.8, 0.2), units, strict=True))
+    shares = (0.8, 0.2) if TERMS[model] > 1 else (1.0,)
+    units = [pupil(model, np.array(np.pi / 2), unit) for unit in np.eye(len(shares))]
+    coefficients = tuple(float(share * shift / unit) for share, unit in zip(shares, units, strict=True))
     return FisheyeCamera(
         (2048, 2048),
         590,

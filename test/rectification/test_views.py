@@ -8,24 +8,7 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.rectification import PROJECTIONS, View, field_of_view, make_view, rectified_camera_info
-
-
-@pytest.mark.parametrize("projection", PROJECTIONS)
-@pytest.mark.parametrize(("yaw", "pitch"), [(0.0, 0.0), (0.7, -0.4)])
-def test_a_pixels_point_projects_to_the_pixel(projection, yaw, pitch) -> None:
-    view = View(projection, (41, 30), 15.0, yaw, pitch)
-    points = 0.3 * view.points() @ view.camera_from_view.T
-    pixels = view.project(points)
-    column, row = np.meshgrid(np.arange(41), np.arange(30))
-    assert np.allclose(pixels, np.stack([column, row], axis=-1), atol=1e-9)
-
-
-@pytest.mark.parametrize("projection", PROJECTIONS)
-def test_depth_is_z_of_a_perspective_view_and_the_distance_of_the_others(projection) -> None:
-    points = View(projection, (41, 30), 15.0).points()
-    depth = points[..., 2] if projection == "perspective" else np.linalg.norm(points, axis=-1)
-    assert np.allclose(depth, 1.0)
+from fisheye_ep_calib.rectification import View, field_of_view, make_view, rectified_camera_info
 
 
 def test_yaw_looks_to_the_right_and_pitch_up() -> None:
