@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import struct
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage import tiff_pages
 
 # 134 megapixels: above any camera's, below what would exhaust a machine.
 MAX_PIXELS = 2**27
 
 JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 JPEG_BARE_MARKERS = frozenset(range(0xD0, 0xD8)) | {0x01}
-TIFF_WIDTH, TIFF_HEIGHT = 256, 257
+PNM_HEADER = re.compile(rb"P[1-6](?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})\s")
+PNM_HEADER_BYTES = 4096
+KINDS = "PNG, JPEG, WebP, BMP, TIFF or PGM"
 
 
 def check_size(width: int, height: int) -> None:
@@ -23,7 +27,7 @@ def check_size(width: int, height: int) -> None:
 
 
 def declared_size(content: bytes | memoryview) -> tuple[int, int]:
-    """(width, height) that the header of a PNG, JPEG, BMP or TIFF declares. Raises InputError."""
+    """(width, height) that the header of an image of one of these KINDS declares. Raises InputError."""
     try:
         size = _size(content)
     except (struct.error, IndexError):
@@ -37,7 +41,7 @@ def declared_size(content: bytes | memoryview) -> tuple[int, int]:
 def _not_an_image(content: bytes | memoryview) -> str:
     if len(content) == 0:
         return "the compressed image is empty"
-    return "the data is neither PNG, JPEG, BMP nor TIFF"
+    return f"the data is no image: neither {KINDS}".replace(" or ", " nor ")
 
 
 def _size(content: bytes | memoryview) -> tuple[int, int] | None:
@@ -49,8 +53,16 @@ def _size(content: bytes | memoryview) -> tuple[int, int] | None:
         return _jpeg_size(content)
     if content[:2] == b"BM":
         return _bmp_size(content)
-    if content[:4] in (b"II*\0", b"MM\0*"):
-        return _tiff_size(content)
+    if content[:4] in tiff_pages.MAGICS:
+        first = tiff_pages.pages(content, most=1)
+        if not first:
+            raise InputError("the TIFF has no page")
+        return first[0].width, first[0].height
+    if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
+        return _webp_size(content)
+    if content[:1] == b"P" and content[1:2] in (b"1", b"2", b"3", b"4", b"5", b"6"):
+        found = PNM_HEADER.match(bytes(content[:PNM_HEADER_BYTES]))
+        return (int(found[1]), int(found[2])) if found else None
     return None
 
 
@@ -85,17 +97,16 @@ def _bmp_size(content: bytes | memoryview) -> tuple[int, int]:
     return width, abs(height)  # a negative height says the rows run downwards
 
 
-def _tiff_size(content: bytes | memoryview) -> tuple[int, int]:
-    """Width and height among the tags of the first directory."""
-    order = "<" if content[:2] == b"II" else ">"
-    (directory,) = struct.unpack_from(f"{order}I", content, 4)
-    (entries,) = struct.unpack_from(f"{order}H", content, directory)
-    found = {}
-    for index in range(entries):
-        offset = directory + 2 + 12 * index
-        tag, kind = struct.unpack_from(f"{order}HH", content, offset)
-        if tag in (TIFF_WIDTH, TIFF_HEIGHT):
-            (found[tag],) = struct.unpack_from(f"{order}{'H' if kind == 3 else 'I'}", content, offset + 8)
-    if len(found) < 2:
-        raise InputError("the TIFF declares no size")
-    return found[TIFF_WIDTH], found[TIFF_HEIGHT]
+def _webp_size(content: bytes | memoryview) -> tuple[int, int]:
+    """Of the first chunk: VP8 (lossy), VP8L (lossless: 14 bits each, less one) or VP8X (24 bits each, less one)."""
+    kind = bytes(content[12:16])
+    if kind == b"VP8 ":
+        width, height = struct.unpack_from("<HH", content, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    if kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", content, 21)
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"VP8X":
+        low_width, high_width, low_height, high_height = struct.unpack_from("<HBHB", content, 24)
+        return (high_width << 16 | low_width) + 1, (high_height << 16 | low_height) + 1
+    raise InputError("the WebP holds no image")

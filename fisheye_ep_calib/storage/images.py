@@ -6,7 +6,9 @@ and of rosbags alike. What a header declares is checked before anything is alloc
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -108,23 +110,39 @@ def decode_compressed(message) -> np.ndarray:
 
 
 def decode_file_content(content: bytes | np.ndarray) -> np.ndarray:
-    """The content of a PNG, JPEG, BMP or TIFF file → grey (h, w) uint8. Raises InputError."""
-    image = decoded_file(content)
-    return _to_eight_bits(_to_grey(image, _GREY_OF_CHANNELS[image.shape[2]]))
+    """The content of an image file → grey (h, w) uint8. Raises InputError."""
+    return grey(decoded_file(content))
+
+
+def grey(samples: np.ndarray) -> np.ndarray:
+    """Decoded samples (h, w, 1, 3 or 4), blue green red alpha → grey (h, w) uint8."""
+    return _to_eight_bits(_to_grey(samples, _GREY_OF_CHANNELS[samples.shape[2]]))
 
 
 def decoded_file(content: bytes | np.ndarray) -> np.ndarray:
-    """The content of a PNG, JPEG, BMP or TIFF file → (h, w, 1, 3 or 4) of 8 or 16 bits, blue green red alpha.
-
-    Raises InputError.
-    """
+    """The content of an image file → (h, w, 1, 3 or 4) of 8 or 16 bits, blue green red alpha. Raises InputError."""
     data = np.frombuffer(content, dtype=np.uint8)
-    width, height = declared_size(data.data)
+    size = declared_size(data.data)
     try:
         # Pixels as they are stored: a rotation in the EXIF block is for viewers, not for the sensor.
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     except (cv2.error, MemoryError):
         image = None
+    return _as_declared(image, size)
+
+
+def decoded_page(path: Path, page: int, size: tuple[int, int]) -> np.ndarray:
+    """A page of a TIFF, which declares this (width, height), as ``decoded_file`` gives it. Raises InputError."""
+    check_size(*size)
+    try:
+        _, images = cv2.imreadmulti(os.fspath(path), page, 1, flags=cv2.IMREAD_UNCHANGED)
+    except (cv2.error, MemoryError):
+        images = ()
+    return _as_declared(images[0] if len(images) else None, size)
+
+
+def _as_declared(image: np.ndarray | None, size: tuple[int, int]) -> np.ndarray:
+    width, height = size
     if image is None:
         raise InputError("the compressed image cannot be decoded")
     if image.shape[:2] != (height, width):

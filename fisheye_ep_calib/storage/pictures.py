@@ -74,8 +74,12 @@ def decode_compressed_picture(message) -> Picture:
 
 
 def decode_picture_content(content: bytes | np.ndarray) -> Picture:
-    """The content of a PNG, JPEG, BMP or TIFF file → a picture. Raises InputError."""
-    samples = decoded_file(content)
+    """The content of an image file → a picture. Raises InputError."""
+    return picture_of(decoded_file(content))
+
+
+def picture_of(samples: np.ndarray) -> Picture:
+    """Decoded samples (h, w, 1, 3 or 4), blue green red alpha, as a picture."""
     encoding = f"{_OF_CHANNELS[samples.shape[2]]}{8 * samples.itemsize}"
     return Picture(samples[..., 0] if samples.shape[2] == 1 else samples, encoding)
 

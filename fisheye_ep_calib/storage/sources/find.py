@@ -6,6 +6,7 @@ import glob
 import importlib
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +16,8 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
 from fisheye_ep_calib.storage.sources.base import BagSource, Source
 from fisheye_ep_calib.storage.sources.copies import without_copies
-from fisheye_ep_calib.storage.sources.image_files import is_image_file, natural_order
+from fisheye_ep_calib.storage.sources.image_archive import archive_stem, is_archive, unpack_images
+from fisheye_ep_calib.storage.sources.image_files import SUFFIXES, is_image_file, natural_order
 from fisheye_ep_calib.storage.sources.image_folders import ImageFolder, image_folders, image_sources
 
 MAX_METADATA_BYTES = 2**24
@@ -77,6 +79,8 @@ def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> Found:
         for path in _expand(paths):
             if is_image_file(path):
                 loose_images.append(path)
+            elif is_archive(path) and path.is_file():
+                folders += _images_of_archive(path, scratch, problems)
             elif path.is_dir():
                 bags = _bags_in(path)
                 if bags is None:
@@ -136,8 +140,20 @@ def _bags_in(folder: Path) -> list[Path] | None:
 def _images_within(folder: Path) -> list[ImageFolder]:
     found = image_folders(folder)
     if not found:
-        raise InputError(f"{folder} holds neither a bag ({', '.join(BAG_FORMATS)}) nor images (.png, .jpg, .bmp, .tif)")
+        raise InputError(
+            f"{folder} holds neither a bag ({', '.join(BAG_FORMATS)}) nor images ({', '.join(sorted(SUFFIXES))})"
+        )
     return found
+
+
+def _images_of_archive(path: Path, scratch: Path, problems: list[str]) -> list[ImageFolder]:
+    folder = scratch / f"{len(list(scratch.iterdir()))}_images"
+    unpack_images(path, folder, problems)
+    name = archive_stem(path)
+    return [
+        replace(one, archive=(path, folder), name=one.name if one.path != folder else name)
+        for one in image_folders(folder)
+    ]
 
 
 def _sources_of_bag_folder(folder: Path, bags: list[Path], scratch: Path, problems: list[str]) -> list[Source]:

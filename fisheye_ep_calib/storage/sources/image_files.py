@@ -2,69 +2,103 @@
 
 from __future__ import annotations
 
+import contextlib
+import mmap
 import re
+import struct
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.storage.images import decode_file_content
-from fisheye_ep_calib.storage.pictures import Picture, decode_picture_content
+from fisheye_ep_calib.storage.images import decoded_file, decoded_page, grey
+from fisheye_ep_calib.storage.pictures import Picture, picture_of
 from fisheye_ep_calib.storage.sources.base import Entry, Source
 from fisheye_ep_calib.storage.sources.image_names import times_in_names
+from fisheye_ep_calib.storage.tiff_pages import MAGICS, Page, pages
 
-SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
+_TIFF = frozenset({".tif", ".tiff"})
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".pbm"}) | _TIFF
 IMAGE_FILE = "image file"
 MAX_FILE_BYTES = 2**30
 
 
 class ImageFiles(Source):
-    """An entry's location is (number of the file,); its time is that of the file's name, or that number."""
+    """An entry's location is (number of the file, page in it); its time is that of the file's name, or its place.
 
-    def __init__(self, topic: str, files: Iterable[Path]) -> None:
+    archive: where the files were unpacked from, and the folder they were unpacked to.
+    """
+
+    def __init__(self, topic: str, files: Iterable[Path], archive: tuple[Path, Path] | None = None) -> None:
         self.files = sorted(files, key=natural_order)
-        super().__init__(self.files[0].parent)
+        self.archive = archive
+        super().__init__(self.files[0].parent if archive is None else archive[0])
         self.topics[topic] = IMAGE_FILE
-        times = times_in_names([file.name for file in self.files])
+        self._pages = [_pages(file) for file in self.files]
+        places = [(number, page.number) for number, pages in enumerate(self._pages) for page in pages]
+        times = times_in_names([file.name for file in self.files]) if len(places) == len(self.files) else None
         self.timed = times is not None
-        entries = [Entry(time, (number,)) for number, time in enumerate(times or range(len(self.files)))]
+        entries = [Entry(time, place) for place, time in zip(places, times or range(len(places)), strict=True)]
         self.entries[topic] = sorted(entries)
 
     def name(self, entry: Entry) -> str:
-        return self.files[entry.location[0]].name
+        number, page = entry.location
+        file = self.files[number]
+        return file.name if len(self._pages[number]) == 1 else f"{file.stem}_page{page + 1}{file.suffix}"
 
     def identity(self, entry: Entry) -> str:
-        return str(self.files[entry.location[0]].absolute())  # files carry no time
+        number, page = entry.location
+        file = self.files[number].absolute()  # files carry no time
+        within = "" if len(self._pages[number]) == 1 else f"#{page}"
+        if self.archive is None:
+            return f"{file}{within}"
+        archive, folder = self.archive
+        return f"{archive.absolute()}!{file.relative_to(folder.absolute())}{within}"
 
     def fingerprint(self, entry: Entry) -> str:
         try:
-            found = self.files[entry.location[0]].stat()
+            found = (self.files[entry.location[0]] if self.archive is None else self.archive[0]).stat()
         except OSError:
             return ""
         return f"{found.st_size} {found.st_mtime_ns}"
 
     def __getstate__(self) -> dict:
-        return {**super().__getstate__(), "files": [file.absolute() for file in self.files]}
+        archive = None if self.archive is None else (self.archive[0].absolute(), self.archive[1].absolute())
+        return {**super().__getstate__(), "files": [file.absolute() for file in self.files], "archive": archive}
 
     def image(self, topic: str, entry: Entry) -> np.ndarray:
-        return decode_file_content(self._content(entry))
+        return grey(self._samples(entry))
 
     def picture(self, topic: str, entry: Entry) -> Picture:
-        return decode_picture_content(self._content(entry))
+        return picture_of(self._samples(entry))
 
-    def _content(self, entry: Entry) -> bytes:
-        path = self.files[entry.location[0]]
+    def _samples(self, entry: Entry) -> np.ndarray:
+        number, page = entry.location
+        path, pages = self.files[number], self._pages[number]
         try:
+            if len(pages) > 1:
+                declared = next(one for one in pages if one.number == page)
+                return decoded_page(path, page, (declared.width, declared.height))
             if path.stat().st_size > MAX_FILE_BYTES:
                 raise InputError("the file is too large for an image")
-            return path.read_bytes()
+            return decoded_file(path.read_bytes())
         except OSError as error:
             raise InputError(f"the file cannot be read ({error.strerror or error})") from None
 
 
 def is_image_file(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
+
+
+def _pages(path: Path) -> list[Page]:
+    """The pages of a TIFF; one, of a size that is read when it is decoded, of any other file."""
+    if path.suffix.lower() in _TIFF:
+        with contextlib.suppress(OSError, ValueError, InputError, struct.error, OverflowError):
+            with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                if content[:4] in MAGICS and (found := pages(content)):
+                    return found
+    return [Page(0, 0, 0)]
 
 
 def natural_order(path: Path) -> tuple:

@@ -32,13 +32,15 @@ _CAMERA_NAME = re.compile(
 class ImageFolder:
     """Image files that lie together. name: what to call their camera, once that is clear.
 
-    within: the folders down to them from the one that the user named, outermost first.
+    within: the folders down to them from the one that the user named, outermost first. archive: what they were unpacked
+    from, and where to.
     """
 
     path: Path
     files: tuple[Path, ...]
     within: tuple[str, ...] = ()
     name: str = ""
+    archive: tuple[Path, Path] | None = None
 
 
 def image_folders(folder: Path) -> list[ImageFolder]:
@@ -71,16 +73,17 @@ def image_sources(folders: Sequence[ImageFolder], notes: list[str], problems: li
     for folder in _named_by_themselves(folders):
         found = cameras_in_names([file.name for file in folder.files], lambda place: _size(folder.files[place]))  # noqa: B023
         if found is None:
-            sources.append(ImageFiles(folder.name, folder.files))
+            sources.append(ImageFiles(folder.name, folder.files, folder.archive))
             continue
         prefix = f"{folder.name}_" if len(folders) > 1 else ""
         for camera, places in found.numbers.items():
-            sources.append(ImageFiles(prefix + camera, [folder.files[place] for place in places]))
+            sources.append(ImageFiles(prefix + camera, [folder.files[place] for place in places], folder.archive))
         cameras = ", ".join(f"{prefix}{camera} ({len(places)} images)" for camera, places in found.numbers.items())
-        notes.append(f"{folder.path}: by their names its images are of {len(found.numbers)} cameras: {cameras}")
+        place = folder.path if folder.archive is None else folder.archive[0]
+        notes.append(f"{place}: by their names its images are of {len(found.numbers)} cameras: {cameras}")
         if found.strays:
             strays = ", ".join(folder.files[place].name for place in found.strays)
-            problems.append(f"{folder.path}: {strays}: of none of its cameras by name, left out")
+            problems.append(f"{place}: {strays}: of none of its cameras by name, left out")
     return sources
 
 
