@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.grey_levels import to_eight_bits
 from fisheye_ep_calib.storage.image_header import check_size, declared_size
 
 
@@ -21,7 +22,7 @@ from fisheye_ep_calib.storage.image_header import check_size, declared_size
 class Layout:
     """How an encoding lays out its pixels.
 
-    depth: bits a sample, 8 or 16. channels: samples a pixel in a row of ``step`` bytes.
+    depth: bits a sample, 8, 16 or, of real numbers, 32. channels: samples a pixel in a row of ``step`` bytes.
     to_grey: OpenCV's conversion code; None where the first plane is the grey image.
     rows: rows of ``step`` bytes for one row of the image (more than 1 where colour planes follow).
     """
@@ -47,6 +48,9 @@ LAYOUTS = {
     "nv21": Layout(8, 1, rows=1.5),
     "nv24": Layout(8, 1, rows=3.0),
 }
+for _name in ("i420", "iyuv", "yv12", "yuv420", "yuv420p"):
+    LAYOUTS[_name] = Layout(8, 1, rows=1.5)
+LAYOUTS["32fc1"] = LAYOUTS["32fc"] = Layout(32, 1)
 LAYOUTS["yuv422"] = LAYOUTS["uyvy"]
 LAYOUTS["yuv422_yuy2"] = LAYOUTS["yuyv"]
 for _depth in (8, 16):
@@ -64,15 +68,14 @@ _GREY_OF_CHANNELS = {1: None, 3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 def decode_image(message) -> np.ndarray:
     """sensor_msgs/Image → grey (h, w) uint8; a view of the message's data where that is grey already.
 
-    16-bit samples are scaled by the power of two that holds the brightest, because cameras of 10 and 12 bits
-    fill 16-bit messages without shifting. Raises InputError.
+    Deeper samples are brought to the range of the scene. Raises InputError.
     """
     samples, layout = checked_samples(message)
-    return _to_eight_bits(_to_grey(samples[: int(message.height)], layout.to_grey))
+    return to_eight_bits(_to_grey(samples[: int(message.height)], layout.to_grey))
 
 
 def checked_samples(message) -> tuple[np.ndarray, Layout]:
-    """The samples of a sensor_msgs/Image (rows, width[, channels]) of 8 or 16 bits, and how they are laid out.
+    """The samples of a sensor_msgs/Image (rows, width[, channels]) of 8, 16 or 32 bits, and how they are laid out.
 
     There are more rows than the image has where colour planes follow. Raises InputError where header and data
     do not fit together.
@@ -96,9 +99,10 @@ def checked_samples(message) -> tuple[np.ndarray, Layout]:
             f"the image's header says {rows} rows × {step} bytes = {rows * step}, but there are {len(data)}"
         )
     samples = data.reshape(rows, step)[:, :row_bytes]
-    if layout.depth == 16:
-        samples = np.ascontiguousarray(samples).view(">u2" if message.is_bigendian else "<u2")
-        samples = samples.astype(np.uint16, copy=False)
+    if layout.depth > 8:
+        kind = "u2" if layout.depth == 16 else "f4"
+        samples = np.ascontiguousarray(samples).view((">" if message.is_bigendian else "<") + kind)
+        samples = samples.astype(kind, copy=False)
     if layout.channels > 1:
         samples = samples.reshape(rows, width, layout.channels)
     return samples, layout
@@ -116,11 +120,14 @@ def decode_file_content(content: bytes | np.ndarray) -> np.ndarray:
 
 def grey(samples: np.ndarray) -> np.ndarray:
     """Decoded samples (h, w, 1, 3 or 4), blue green red alpha → grey (h, w) uint8."""
-    return _to_eight_bits(_to_grey(samples, _GREY_OF_CHANNELS[samples.shape[2]]))
+    return to_eight_bits(_to_grey(samples, _GREY_OF_CHANNELS[samples.shape[2]]))
 
 
 def decoded_file(content: bytes | np.ndarray) -> np.ndarray:
-    """The content of an image file → (h, w, 1, 3 or 4) of 8 or 16 bits, blue green red alpha. Raises InputError."""
+    """The content of an image file → (h, w, 1, 3 or 4), blue green red alpha. Raises InputError.
+
+    Of 8 or 16 bits or, grey, of real numbers.
+    """
     data = np.frombuffer(content, dtype=np.uint8)
     size = declared_size(data.data)
     try:
@@ -147,9 +154,9 @@ def _as_declared(image: np.ndarray | None, size: tuple[int, int]) -> np.ndarray:
         raise InputError("the compressed image cannot be decoded")
     if image.shape[:2] != (height, width):
         raise InputError(f"the compressed image declares {width}×{height} and holds another size")
-    if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"the compressed image holds samples of type {image.dtype}, not 8 or 16 bits")
     channels = 1 if image.ndim == 2 else image.shape[2]
+    if image.dtype not in (np.uint8, np.uint16) and not (image.dtype == np.float32 and channels == 1):
+        raise InputError(f"the compressed image holds samples of type {image.dtype}, not 8 or 16 bits")
     if channels not in _GREY_OF_CHANNELS:
         raise InputError(f"the compressed image has {channels} channels")
     return image.reshape(height, width, channels)
@@ -162,13 +169,6 @@ def _to_grey(samples: np.ndarray, code: int | None) -> np.ndarray:
         return cv2.cvtColor(samples, code)
     except cv2.error:
         raise InputError(f"an image of {samples.shape[1]}×{samples.shape[0]} pixels cannot be converted") from None
-
-
-def _to_eight_bits(grey: np.ndarray) -> np.ndarray:
-    if grey.dtype == np.uint8:
-        return grey
-    shift = max(0, int(grey.max()).bit_length() - 8)
-    return (grey >> shift).astype(np.uint8)
 
 
 def as_bytes(data) -> np.ndarray:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.grey_levels import to_eight_bits
 from fisheye_ep_calib.storage.image_header import check_size
 from fisheye_ep_calib.storage.images import as_bytes, checked_samples, decoded_file, short_name
 
@@ -29,7 +30,12 @@ _PACKED_TO_BGR = {
     "yuyv": cv2.COLOR_YUV2BGR_YUY2,
     "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUY2,
 }
-_PLANES_TO_BGR = {"nv12": cv2.COLOR_YUV2BGR_NV12, "nv21": cv2.COLOR_YUV2BGR_NV21}
+_PLANES_TO_BGR = {
+    "nv12": cv2.COLOR_YUV2BGR_NV12,
+    "nv21": cv2.COLOR_YUV2BGR_NV21,
+    "yv12": cv2.COLOR_YUV2BGR_YV12,
+    **dict.fromkeys(("i420", "iyuv", "yuv420", "yuv420p"), cv2.COLOR_YUV2BGR_I420),
+}
 _OF_CHANNELS = {1: "mono", 3: "bgr", 4: "bgra"}
 _METRES_PER_UNIT = {"32fc1": ("f4", 1.0), "16uc1": ("u2", 1e-3), "mono16": ("u2", 1e-3)}  # REP 118
 
@@ -65,7 +71,7 @@ def decode_picture(message) -> Picture:
             return Picture(cv2.cvtColor(np.ascontiguousarray(samples), _PLANES_TO_BGR[encoding]), "bgr8")
     except cv2.error:
         raise InputError(f"an image of {samples.shape[1]}×{height} pixels cannot be converted") from None
-    return Picture(samples[:height], "mono8")
+    return Picture(to_eight_bits(samples[:height]), "mono8")
 
 
 def decode_compressed_picture(message) -> Picture:
@@ -80,6 +86,8 @@ def decode_picture_content(content: bytes | np.ndarray) -> Picture:
 
 def picture_of(samples: np.ndarray) -> Picture:
     """Decoded samples (h, w, 1, 3 or 4), blue green red alpha, as a picture."""
+    if samples.dtype == np.float32:
+        return Picture(to_eight_bits(samples[..., 0]), "mono8")
     encoding = f"{_OF_CHANNELS[samples.shape[2]]}{8 * samples.itemsize}"
     return Picture(samples[..., 0] if samples.shape[2] == 1 else samples, encoding)
 

@@ -66,13 +66,16 @@ def test_bayer_patterns_get_their_colours(pattern, depth) -> None:
     assert picture.encoding == f"bgr{depth}" and (picture.samples[2:-2, 2:-2] == BLUE_GREEN_RED).all()
 
 
-@pytest.mark.parametrize("encoding", ["uyvy", "yuyv", "nv12", "nv21"])
+@pytest.mark.parametrize("encoding", ["uyvy", "yuyv", "nv12", "nv21", "i420", "yv12"])
 def test_yuv_gets_its_colours(encoding) -> None:
     # ITU-R BT.601, studio swing: what OpenCV takes YUV images for.
     b, g, r = BLUE_GREEN_RED
     y = 16 + 0.257 * r + 0.504 * g + 0.098 * b
     u, v = 128 - 0.148 * r - 0.291 * g + 0.439 * b, 128 + 0.439 * r - 0.368 * g - 0.071 * b
-    if encoding.startswith("nv"):
+    if encoding in ("i420", "yv12"):
+        chroma = np.repeat([u, v] if encoding == "i420" else [v, u], 12 * 16).reshape(12, 32)
+        samples = np.concatenate([np.full((24, 32), y), chroma])
+    elif encoding.startswith("nv"):
         chroma = np.tile([u, v] if encoding == "nv12" else [v, u], (12, 16))
         samples = np.concatenate([np.full((24, 32), y), chroma])
     else:
@@ -85,7 +88,9 @@ def test_yuv_gets_its_colours(encoding) -> None:
 @pytest.mark.parametrize("encoding", sorted(LAYOUTS))
 def test_every_encoding_that_can_be_read_gives_a_picture(encoding) -> None:
     layout = LAYOUTS[encoding]
-    samples = np.full((int(24 * layout.rows), 32 * layout.channels), 77, f"u{layout.depth // 8}")
+    samples = np.full(
+        (int(24 * layout.rows), 32 * layout.channels), 77, "f4" if layout.depth == 32 else f"u{layout.depth // 8}"
+    )
     picture = decode_picture(message(samples, encoding.upper()))
     assert picture.samples.shape[:2] == (24, 32)
     assert picture.encoding in LAYOUTS and LAYOUTS[picture.encoding].depth == 8 * picture.samples.itemsize
