@@ -19,7 +19,7 @@ from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
-from fisheye_ep_calib.storage.rig_file import kalibr_camchain, rig_yaml
+from fisheye_ep_calib.storage.rig_file import CAMCHAIN, RIG, rig_files
 
 DESCRIPTION = (
     "Find where calibrated cameras are to each other, from views in which two or more of them see the target at the\n"
@@ -31,7 +31,7 @@ EPILOG = """examples:
   fisheye_ep_calib rig recording.mcap --target board.yaml --camera front=front.yaml --camera rear=rear.yaml
   fisheye_ep_calib rig observations/front.npz observations/rear.npz --camera front=front.yaml --camera rear=rear.yaml
 """
-RIG, CAMCHAIN, OBSERVATIONS = "rig.yaml", "camchain.yaml", "rig_observations"
+OBSERVATIONS = "rig_observations"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -94,9 +94,9 @@ def run(arguments: argparse.Namespace) -> int:
     )
     topics = {name: one.topic for name, one in seen.items() if one.topic}
     beside = {name: os.path.relpath(path, arguments.output) for name, path in paths.items()}
-    atomic_write(arguments.output / RIG, rig_yaml(found, beside, topics).encode())
-    camchain = kalibr_camchain(found, [file.stand_in for file in files.values()], topics)
-    atomic_write(arguments.output / CAMCHAIN, camchain.encode())
+    stand_ins = [file.stand_in for file in files.values()]
+    for name, text in rig_files(found, beside, stand_ins, topics).items():
+        atomic_write(arguments.output / name, text.encode())
     print(_text(found, arguments.output), file=sys.stderr if arguments.json else sys.stdout)
     if arguments.json:
         print(json_text(_json(found, arguments.output)))
@@ -154,24 +154,4 @@ def _text(rig: RigCalibration, output: Path) -> str:
 
 
 def _json(rig: RigCalibration, output: Path) -> dict:
-    return {
-        "reference": rig.names[0],
-        "rms_px": rig.rms_px,
-        "moments": rig.moments,
-        "converged": rig.converged,
-        "cameras": {
-            name: {
-                "reference_from_camera": rig.reference_from_camera[number].tolist(),
-                "position_sigma_m": rig.position_sigma[number].tolist(),
-                "rotation_sigma_rad": rig.rotation_sigma[number].tolist(),
-                "views": rig.views[number],
-                "rms_px": rig.camera_rms_px[number],
-                "joined_through": [rig.names[step] for step in rig.paths[number]],
-            }
-            for number, name in enumerate(rig.names)
-        },
-        "overlaps": [{"cameras": [rig.names[pair.a], rig.names[pair.b]], "views": pair.views} for pair in rig.pairs],
-        "not_used": [{"camera": rig.names[camera], "view": image} for camera, image in rig.left_out],
-        "yaml": str(output / RIG),
-        "camchain": str(output / CAMCHAIN),
-    }
+    return {**rig.to_dict(), "yaml": str(output / RIG), "camchain": str(output / CAMCHAIN)}

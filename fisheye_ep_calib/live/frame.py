@@ -7,6 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.overlay import OverlayRequest, draw_overlay
 from fisheye_ep_calib.storage.images import decode_compressed, decode_image
 from fisheye_ep_calib.target import Detection, Target
@@ -58,10 +62,38 @@ class Sighting:
     picture: np.ndarray | None = None
 
 
-def detect_in_frame(frame: RawFrame, target: Target, overlay: OverlayRequest | None = None) -> Sighting:
-    """Decode a frame and find the target in it. Raises InputError for a frame that cannot be decoded."""
+def detect_in_frame(
+    frame: RawFrame, target: Target, camera: FisheyeCamera | None = None, overlay: OverlayRequest | None = None
+) -> Sighting:
+    """Decode a frame and find the target in it, a second time where the camera, if one is known, says that it is.
+
+    Raises InputError for a frame that cannot be decoded.
+    """
     image = decode_compressed(frame) if frame.compressed else decode_image(frame)
     height, width = image.shape
-    detection = target.detector().detect(image)
+    detector = target.detector()
+    detection = detector.detect(image)
+    if camera is not None and camera.image_size == (width, height):
+        pose = pose_of(detection, target, camera)
+        again = Detection() if pose is None else detector.detect_guided(image, camera, pose)
+        detection = again if len(again) else detection
     picture = draw_overlay(image, detection, overlay) if overlay else None
     return Sighting(frame.name, (width, height), detection, picture)
+
+
+def pose_of(detection: Detection, target: Target, camera: FisheyeCamera) -> np.ndarray | None:
+    """camera_from_target (4, 4) of what was found in an image of this camera; None where no pose explains it."""
+    if len(detection) == 0:
+        return None
+    observations = Observations.create(
+        target.object_points,
+        np.zeros(len(detection), dtype=int),
+        detection.point_index,
+        detection.pixels,
+        camera.image_size,
+        disc_radius=target.disc_radius,
+    )
+    try:
+        return evaluate_camera(camera, observations).camera_from_target[0]
+    except CalibrationError:
+        return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +11,8 @@ import numpy as np
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.outcome import Outcome
-from fisheye_ep_calib.rig import RigCalibration, RigCamera, calibrate_rig
-from fisheye_ep_calib.storage.rig_file import kalibr_camchain, quaternion, rig_yaml
+from fisheye_ep_calib.rig import RigCamera, calibrate_rig
+from fisheye_ep_calib.storage.rig_file import RIG, rig_files
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,15 @@ class RigMember:
 
 @dataclass(frozen=True)
 class RigOutcome:
-    """yaml: the rig's file. camchain: the same in Kalibr's layout. figures: JSON-ready."""
+    """files: what to write, by name. figures: JSON-ready."""
 
-    yaml: str
-    camchain: str
+    files: Mapping[str, str]
     figures: dict[str, Any]
+
+    @property
+    def yaml(self) -> str:
+        """The rig's file."""
+        return self.files[RIG]
 
     @property
     def summary(self) -> str:
@@ -59,35 +63,10 @@ def calibrate_members(members: Sequence[RigMember], tolerance: float, unmistakab
     rig = calibrate_rig(cameras, tolerance, unmistakable)
     if not rig.converged:
         raise CalibrationError("the fit did not converge; more common views, tilted and at several distances, help")
-    topics = {one.name: one.topic for one in members}
-    return RigOutcome(
-        yaml=rig_yaml(rig, {one.name: one.camera_file for one in members}, topics),
-        camchain=kalibr_camchain(rig, [one.calibration.stand_in for one in members], topics),
-        figures=_figures(rig),
+    files = rig_files(
+        rig,
+        {one.name: one.camera_file for one in members},
+        [one.calibration.stand_in for one in members],
+        {one.name: one.topic for one in members},
     )
-
-
-def _figures(rig: RigCalibration) -> dict[str, Any]:
-    return {
-        "reference": rig.names[0],
-        "moments": rig.moments,
-        "rms_px": round(rig.rms_px, 4),
-        "cameras": {
-            name: {
-                "position_m": _rounded(rig.reference_from_camera[number, :3, 3]),
-                "position_sigma_m": _rounded(rig.position_sigma[number]),
-                "quaternion_xyzw": _rounded(quaternion(rig.reference_from_camera[number, :3, :3])),
-                "rotation_sigma_rad": _rounded(rig.rotation_sigma[number]),
-                "views": rig.views[number],
-                "rms_px": round(rig.camera_rms_px[number], 4),
-                "joined_through": [rig.names[step] for step in rig.paths[number]],
-            }
-            for number, name in enumerate(rig.names)
-        },
-        "not_used": len(rig.left_out),
-    }
-
-
-def _rounded(values: np.ndarray) -> list[float]:
-    """Micrometres, microradians and a little more."""
-    return [round(float(value), 8) for value in values]
+    return RigOutcome(files, rig.to_dict())

@@ -6,9 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fisheye_ep_calib.live.outcome import Outcome
-from fisheye_ep_calib.live.session import Limits
+from fisheye_ep_calib.planning.view_selection import Novelty
 from fisheye_ep_calib.rig import USUAL_TOLERANCE
 from fisheye_ep_calib.target import Target
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When a view is kept. maximum_views: after so many, no more are."""
+
+    novelty: Novelty = Novelty()
+    maximum_views: int = 150
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from fisheye_ep_calib.live.session import CameraSession
+from fisheye_ep_calib.live.camera import LiveCamera
+from fisheye_ep_calib.live.outcome import Outcome
+from fisheye_ep_calib.live.rig import LiveRig
+from fisheye_ep_calib.live.rig_outcome import RigOutcome
 from fisheye_ep_calib.live.settings import Tuning
 
 
@@ -55,9 +58,10 @@ class Status:
         }
 
 
-def camera_status(session: CameraSession, reception: Reception, warnings: list[str], tuning: Tuning) -> Status:
+def camera_status(camera: LiveCamera, reception: Reception, warnings: list[str], tuning: Tuning) -> Status:
     """Status of one camera. warnings: texts that stand."""
-    counters, views, outcome = session.counters, len(session.views), session.outcome
+    counters, views, outcome = camera.views.counters, len(camera.views.kept), camera.outcome
+    size = camera.views.image_size
     values: dict[str, Any] = {
         "topic": reception.topic,
         "received": counters.received,
@@ -66,50 +70,78 @@ def camera_status(session: CameraSession, reception: Reception, warnings: list[s
         "searched": counters.searched,
         "found": counters.found,
         "views": views,
-        "image_size": list(session.image_size) if session.image_size else None,
+        "image_size": None if size is None else list(size),
         "delay_s": reception.delay,
         "largest_delay_s": reception.largest_delay,
-        "unwritten": session.unwritten,
-        "calibrated": outcome is not None,
-        "calibration": outcome.figures if outcome is not None else None,
         "guidance": outcome.advice.figures if outcome is not None and outcome.advice is not None else None,
         "goal_entrance_pupil_mm": tuning.goal_mm,
-        "warnings": warnings,
+        **_standing(camera.unwritten, outcome, warnings),
     }
     if reception.silent:
-        level, message = Level.STALE, f"no image on {reception.topic}"
-    elif warnings:
-        level, message = Level.WARN, warnings[0]
-    elif outcome is None:
-        level, message = Level.OK, f"collecting, {views} views"
+        return Status(camera.name, Level.STALE, f"no image on {reception.topic}", "start the camera", values)
+    message = f"calibrated ({outcome.figures['model']})" if outcome is not None else "collecting"
+    level, message = _level(warnings, f"{message}, {views} views")
+    return Status(camera.name, level, message, next_step(camera, tuning), values)
+
+
+def rig_status(rig: LiveRig, warnings: list[str]) -> Status:
+    """Status of a rig. warnings: texts that stand."""
+    names, counts, joined, outcome = rig.names, rig.views.counts(), rig.joined(), rig.outcome
+    apart = [name for name in names if name not in joined]
+    values: dict[str, Any] = {
+        "joined": list(joined),
+        "apart": apart,
+        "uncalibrated": list(rig.uncalibrated),
+        "common_views": [
+            {"cameras": [names[a], names[b]], "views": int(counts[a, b])}
+            for a in range(len(names))
+            for b in range(a + 1, len(names))
+        ],
+        **_standing(rig.unwritten, outcome, warnings),
+    }
+    if outcome is not None:
+        message = f"{len(outcome.figures['cameras'])} of {len(names)} cameras placed"
+    elif apart:
+        message = f"not joined yet: {', '.join(apart)}"
     else:
-        level, message = Level.OK, f"calibrated ({outcome.figures['model']}), {views} views"
-    step = "start the camera" if reception.silent else next_step(session, tuning)
-    return Status(session.name, level, message, step, values)
+        message = "all cameras are joined by common views"
+    return Status(rig.name, *_level(warnings, message), rig.next_step, values)
 
 
-def next_step(session: CameraSession, tuning: Tuning) -> str:
+def _standing(unwritten: bool, outcome: Outcome | RigOutcome | None, warnings: list[str]) -> dict[str, Any]:
+    """What is told of whatever is calibrated."""
+    return {
+        "unwritten": unwritten,
+        "calibrated": outcome is not None,
+        "calibration": None if outcome is None else outcome.figures,
+        "warnings": warnings,
+    }
+
+
+def _level(warnings: list[str], message: str) -> tuple[Level, str]:
+    return (Level.WARN, warnings[0]) if warnings else (Level.OK, message)
+
+
+def next_step(camera: LiveCamera, tuning: Tuning) -> str:
     """What would help most, in one sentence."""
-    minimum_views, goal_mm = tuning.minimum_views, tuning.goal_mm
-    views = len(session.views)
-    if views == 0 and session.counters.found == 0:
+    views, outcome = len(camera.views.kept), camera.outcome
+    if views == 0 and camera.views.counters.found == 0:
         return "hold the target before the camera"
-    if views < minimum_views:
-        return f"move and tilt the target: {minimum_views - views} more views are wanted"
-    outcome = session.outcome
+    if views < tuning.minimum_views:
+        return f"move and tilt the target: {tuning.minimum_views - views} more views are wanted"
     if outcome is None:
         return "call ~/calibrate, or go on moving the target"
     if outcome.advice is None:
         return "move and tilt the target: near, far and at the edge of the image"
-    if outcome.pupil_band_mm <= goal_mm:
+    if outcome.pupil_band_mm <= tuning.goal_mm:
         return f"the entrance pupil is known to {outcome.pupil_band_mm:.2g} mm, the goal: save, or go on"
     return outcome.advice.sentence
 
 
-def headline(session: CameraSession) -> str:
+def headline(camera: LiveCamera) -> str:
     """What there is so far, in a few words."""
-    outcome = session.outcome
-    text = f"{session.name}: {len(session.views)} views"
+    outcome = camera.outcome
+    text = f"{camera.name}: {len(camera.views.kept)} views"
     if outcome is None or "rms_px" not in outcome.figures:
         return text
     return text + ", {model}, RMS {rms_px:.3f} px, E to {band:.2g} mm".format(

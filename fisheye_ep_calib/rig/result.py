@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -56,3 +57,37 @@ class RigCalibration:
     def position_sigma(self) -> np.ndarray:
         """1σ (C, 3) of each camera's position, metres."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2)[:, 3:], 0))
+
+    @property
+    def quaternion_xyzw(self) -> np.ndarray:
+        """Each camera's orientation (C, 4) in the reference's frame, w ≥ 0, as tf has it."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_matrix(self.reference_from_camera[:, :3, :3]).as_quat(canonical=True)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was found, JSON-ready: metres, rad, pixels; cameras by name."""
+        return {
+            "reference": self.names[0],
+            "rms_px": self.rms_px,
+            "moments": self.moments,
+            "converged": self.converged,
+            "cameras": {name: self._camera_dict(number) for number, name in enumerate(self.names)},
+            "overlaps": [
+                {"cameras": [self.names[pair.a], self.names[pair.b]], "views": pair.views} for pair in self.pairs
+            ],
+            "board_warp_m": self.board_warp.tolist(),
+            "not_used": [{"camera": self.names[camera], "view": image} for camera, image in self.left_out],
+        }
+
+    def _camera_dict(self, number: int) -> dict[str, Any]:
+        return {
+            "reference_from_camera": self.reference_from_camera[number].tolist(),
+            "position_m": self.reference_from_camera[number, :3, 3].tolist(),
+            "quaternion_xyzw": self.quaternion_xyzw[number].tolist(),
+            "position_sigma_m": self.position_sigma[number].tolist(),
+            "rotation_sigma_rad": self.rotation_sigma[number].tolist(),
+            "views": self.views[number],
+            "rms_px": self.camera_rms_px[number],
+            "joined_through": [self.names[step] for step in self.paths[number]],
+        }

@@ -11,15 +11,15 @@ from fisheye_ep_calib.calibration.calibrate import AUTO
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.live.outcome import Outcome, outcome_of_file
-from fisheye_ep_calib.live.session import Limits
-from fisheye_ep_calib.live.settings import CameraSettings, RigSettings, Settings, Tuning
+from fisheye_ep_calib.live.settings import CameraSettings, Limits, RigSettings, Settings, Tuning
 from fisheye_ep_calib.planning.view_selection import Novelty
 from fisheye_ep_calib.ros.parameter_table import Entry, ParameterTable
+from fisheye_ep_calib.storage.rig_file import CAMCHAIN, RIG
 from fisheye_ep_calib.target import Target, load_target
 
 MODELS = (AUTO, *PUPIL_FAMILIES)
 CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-RESERVED_FILES = ("rig", "camchain")  # a camera called so would share its file with the rig
+RESERVED_NAMES = tuple(Path(name).stem for name in (RIG, CAMCHAIN))  # a camera of that name would share the file
 
 NODE = (
     Entry("cameras", ["camera"], "Names of the cameras; each has parameters of its own under its name."),
@@ -81,7 +81,7 @@ def _rig(table: ParameterTable, cameras: tuple[CameraSettings, ...]) -> RigSetti
     for name, other in others:
         if other.disc_radius != target.disc_radius or not np.array_equal(other.object_points, target.object_points):
             raise InputError(f"parameter rig: {first} and {name} must see the same target; give it once, as target")
-    for name in (name for name, _ in seeing if name.lower() in RESERVED_FILES):
+    for name in (name for name, _ in seeing if name.lower() in RESERVED_NAMES):
         raise InputError(f"parameter cameras: {name!r} is the name of a file of the rig; call the camera otherwise")
     return RigSettings(table["rig_tolerance"], table["rig_views"])
 

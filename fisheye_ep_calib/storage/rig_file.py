@@ -18,6 +18,7 @@ from fisheye_ep_calib.storage.camera_info import plain_camera_info
 from fisheye_ep_calib.yaml_file import read_yaml
 
 SCHEMA = 1
+RIG, CAMCHAIN = "rig.yaml", "camchain.yaml"
 _NOT_RIGID = 1e-6
 
 
@@ -34,34 +35,48 @@ class RigFile:
     camera_files: dict[str, str]
 
 
+def rig_files(
+    rig: RigCalibration,
+    camera_files: Mapping[str, str],
+    stand_ins: Sequence[FisheyeCamera],
+    topics: Mapping[str, str],
+) -> dict[str, str]:
+    """What to write of a rig: the rig's file and Kalibr's, by the names that they have in a folder.
+
+    camera_files, topics: by camera name, what is known of them. stand_ins: the cameras for Kalibr's file.
+    """
+    return {RIG: rig_yaml(rig, camera_files, topics), CAMCHAIN: kalibr_camchain(rig, stand_ins, topics)}
+
+
 def rig_yaml(rig: RigCalibration, camera_files: Mapping[str, str], topics: Mapping[str, str]) -> str:
     """The rig file as text. camera_files, topics: by camera name, what is known of them."""
-    cameras = {}
-    for number, name in enumerate(rig.names):
-        pose = rig.reference_from_camera[number]
-        cameras[name] = {
+    facts = rig.to_dict()
+    cameras = {
+        name: {
             "camera_file": str(camera_files.get(name, "")),
             "topic": str(topics.get(name, "")),
-            "position": _floats(pose[:3, 3]),
-            "quaternion_xyzw": _floats(quaternion(pose[:3, :3])),
-            "reference_from_camera": [_floats(row) for row in pose],
-            "position_sigma": _floats(rig.position_sigma[number]),
-            "rotation_sigma": _floats(rig.rotation_sigma[number]),
-            "covariance": [_floats(row) for row in rig.covariance[number]],
-            "views": rig.views[number],
-            "rms_px": rig.camera_rms_px[number],
-            "joined_through": [rig.names[step] for step in rig.paths[number]],
+            "position": camera["position_m"],
+            "quaternion_xyzw": camera["quaternion_xyzw"],
+            "reference_from_camera": camera["reference_from_camera"],
+            "position_sigma": camera["position_sigma_m"],
+            "rotation_sigma": camera["rotation_sigma_rad"],
+            "covariance": rig.covariance[number].tolist(),
+            "views": camera["views"],
+            "rms_px": camera["rms_px"],
+            "joined_through": camera["joined_through"],
         }
+        for number, (name, camera) in enumerate(facts["cameras"].items())
+    }
     content = {
         "schema": SCHEMA,
-        "reference": rig.names[0],
+        "reference": facts["reference"],
         "cameras": cameras,
-        "overlaps": [{"cameras": [rig.names[pair.a], rig.names[pair.b]], "views": pair.views} for pair in rig.pairs],
+        "overlaps": facts["overlaps"],
         "calibration": {
-            "rms_px": rig.rms_px,
-            "moments": rig.moments,
-            "board_warp": _floats(rig.board_warp),
-            "converged": rig.converged,
+            "rms_px": facts["rms_px"],
+            "moments": facts["moments"],
+            "board_warp": facts["board_warp_m"],
+            "converged": facts["converged"],
             "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
         },
     }
@@ -124,13 +139,6 @@ def _pose(rows) -> np.ndarray:
     if not (np.isfinite(pose).all() and rigid and np.array_equal(pose[3], [0, 0, 0, 1])):
         raise InputError("reference_from_camera is not a rigid transform")
     return pose
-
-
-def quaternion(rotation: np.ndarray) -> np.ndarray:
-    """x, y, z, w (4,) of a rotation (3, 3), w ≥ 0, as tf has it."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(rotation).as_quat(canonical=True)
 
 
 def _floats(values) -> list[float]:

@@ -82,14 +82,14 @@ def test_from_images_to_a_calibration_and_on_after_a_restart(tmp_path: Path, ima
         Announcer(said.append, said.append),
         listener,
     )
-    session = live.sessions["front"]
+    camera = live.cameras["front"]
     try:
         assert not live.calibrate().success
         live.offer("rear", message(np.zeros((0, 5), np.uint8)), "bad")
         for number, image in enumerate(images):
             live.offer("front", message(image), str(number))
-            wait_for(lambda number=number: len(session.views) == number + 1)
-        assert [view.name for view in session.views] == [str(number) for number in range(len(images))]
+            wait_for(lambda number=number: len(camera.views.kept) == number + 1)
+        assert [view.name for view in camera.views.kept] == [str(number) for number in range(len(images))]
         assert len(listener.pictures) >= len(images) - 1
         assert listener.ready.wait(PATIENCE), "calibrates by itself"
         name, outcome = listener.outcomes[0]
@@ -102,8 +102,8 @@ def test_from_images_to_a_calibration_and_on_after_a_restart(tmp_path: Path, ima
         assert rear.level is Level.OK and rear.values["unreadable"] == 1
         assert len([text for text in said if text.startswith("rear: a frame is skipped")]) == 1
         assert front.values["guidance"]["coverage"] > 0.5
-        wait_for(lambda: session.camera_file.exists())
-        np.testing.assert_allclose(load_camera(session.camera_file).parameters, outcome.camera.parameters)
+        wait_for(lambda: camera.camera_file.exists())
+        np.testing.assert_allclose(load_camera(camera.camera_file).parameters, outcome.camera.parameters)
     finally:
         live.stop()
 
@@ -129,16 +129,16 @@ def test_a_full_disk_is_told_once_and_retried(tmp_path: Path, images) -> None:
     live = LiveCalibrator(
         settings(blocked, "front"), Tuning(auto_calibrate=False), Announcer(said.append, said.append), Listener()
     )
-    session = live.sessions["front"]
+    camera = live.cameras["front"]
     try:
         for number, image in enumerate(images[:3]):
             live.offer("front", message(image), str(number))
-            wait_for(lambda number=number: len(session.views) == number + 1)
+            wait_for(lambda number=number: len(camera.views.kept) == number + 1)
         assert not live.save().success
         assert len([text for text in said if "cannot write" in text]) == 1
         blocked.unlink()
         live.retry_writing()
-        assert session.observation_file.exists() and not session.unwritten
+        assert camera.views.file.exists() and not camera.unwritten
         assert said[-1] == "front: everything is written now"
     finally:
         live.stop()
@@ -149,14 +149,14 @@ def test_a_reset_leaves_no_calibration_and_no_frame_behind(tmp_path: Path, image
     live = LiveCalibrator(
         settings(tmp_path, "front"), Tuning(auto_calibrate=False), Announcer(said.append, said.append), listener
     )
-    session = live.sessions["front"]
+    camera = live.cameras["front"]
     try:
         for number, image in enumerate(images[:5]):
             live.offer("front", message(image), str(number))
-            wait_for(lambda number=number: len(session.views) == number + 1)
+            wait_for(lambda number=number: len(camera.views.kept) == number + 1)
         answers: list = []
         asked = threading.Thread(target=lambda: answers.append(live.calibrate()))
-        live._pool.queue_job(Task(time.sleep, lambda: (1.0,), lambda result, error: None))
+        live.pool.queue_job(Task(time.sleep, lambda: (1.0,), lambda result, error: None))
         asked.start()
         live.offer("front", message(images[5]), "5")
         answer = live.reset()
@@ -164,10 +164,10 @@ def test_a_reset_leaves_no_calibration_and_no_frame_behind(tmp_path: Path, image
         asked.join(PATIENCE)
         assert not answers[0].success and "reset meanwhile" in answers[0].text
         wait_for(lambda: len(listener.pictures) >= 6)
-        assert session.views == () and session.outcome is None
-        assert listener.outcomes == [("front", None)] and not session.camera_file.exists()
+        assert camera.views.kept == () and camera.outcome is None
+        assert listener.outcomes == [("front", None)] and not camera.camera_file.exists()
         assert not any("not calibrated" in text for text in said)
         live.offer("front", message(images[6]), "6")
-        wait_for(lambda: [view.name for view in session.views] == ["6"])
+        wait_for(lambda: [view.name for view in camera.views.kept] == ["6"])
     finally:
         live.stop()

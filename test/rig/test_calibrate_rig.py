@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from simulated_rig import PERIOD_NS, cameras, errors, place, see, targets_between
 
 from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
@@ -43,6 +45,21 @@ def test_a_chain_of_plain_lattices_counted_from_any_end(target) -> None:
         angle, distance = errors(rig.reference_from_camera[camera], PLACES[camera])
         assert angle < 3 * np.linalg.norm(rig.rotation_sigma[camera]) < 1e-3
         assert distance < 3 * np.linalg.norm(rig.position_sigma[camera]) < 3e-4
+
+
+def test_what_is_told_says_what_was_found() -> None:
+    rig = calibrate_rig(see(cameras(3, theta_max_deg=60), PLACES, DISCS, chain_poses(DISCS), noise=0.1))
+    told = json.loads(json.dumps(rig.to_dict()))
+    assert told["reference"] == "front" and told["converged"] and told["moments"] == rig.moments
+    assert [overlap["cameras"] for overlap in told["overlaps"]] == [["front", "left"], ["left", "rear"]]
+    for number, (name, camera) in enumerate(told["cameras"].items()):
+        pose = rig.reference_from_camera[number]
+        assert name == rig.names[number]
+        np.testing.assert_allclose(camera["reference_from_camera"], pose)
+        np.testing.assert_allclose(camera["position_m"], pose[:3, 3])
+        quaternion = camera["quaternion_xyzw"]
+        np.testing.assert_allclose(Rotation.from_quat(quaternion).as_matrix(), pose[:3, :3], atol=1e-12)
+        assert quaternion[3] >= 0
 
 
 @pytest.mark.parametrize("weight", [0.1, 10.0])

@@ -16,7 +16,7 @@ from fisheye_ep_calib.cli import main
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.simulation import Imaging, StampedImage, paper_target, render, write_bag
 from fisheye_ep_calib.storage.observation_file import save_observations
-from fisheye_ep_calib.storage.rig_file import load_rig, quaternion
+from fisheye_ep_calib.storage.rig_file import load_rig
 
 DISCS = paper_target()
 PLACES = [np.eye(4), place(60, (0.08, 0.01, -0.03), (0.05, 0.0, 0.02)), place(120, (0.05, -0.02, -0.12))]
@@ -177,13 +177,3 @@ def test_rig_files_that_are_none(tmp_path, content, complaint) -> None:
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig))
     with pytest.raises(InputError, match="not a rigid transform"):
         load_rig(tmp_path / "rig.yaml")
-
-
-@pytest.mark.parametrize("turn", [(0, 0, 0), (3.1415926, 0, 0), (0, 0, -3.14), (1, 2, -0.5)])
-def test_quaternions(turn) -> None:
-    from scipy.spatial.transform import Rotation
-
-    rotation = Rotation.from_rotvec(turn)
-    expected = rotation.as_quat()
-    found = quaternion(rotation.as_matrix())
-    assert np.allclose(found, expected if found @ expected > 0 else -expected, atol=1e-9) and found[3] >= 0
