@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
@@ -21,7 +20,7 @@ from fisheye_ep_calib.ros.calibration_publisher import CalibrationPublisher
 from fisheye_ep_calib.ros.calibrator_parameters import declare, tuning
 from fisheye_ep_calib.ros.driver_commit import PATIENCE, DriverCommit
 from fisheye_ep_calib.ros.image_intake import ImageIntake
-from fisheye_ep_calib.ros.parameter_table import ParameterTable
+from fisheye_ep_calib.ros.parameter_table import ParameterTable, node_with_what_was_given
 from fisheye_ep_calib.ros.patient_node import PatientNode
 from fisheye_ep_calib.ros.quality import LATCHED
 from fisheye_ep_calib.ros.status_publisher import StatusPublisher
@@ -36,7 +35,7 @@ class CalibratorNode:
 
     def __init__(self) -> None:
         """Raises InputError for parameters or files that cannot be used."""
-        self.node = Node("calibrator")
+        self.node = node_with_what_was_given("calibrator")
         self._patient = PatientNode(self.node)
         self._live: LiveCalibrator | None = None
         try:

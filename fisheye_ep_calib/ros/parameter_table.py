@@ -12,7 +12,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.errors import InputError, first_line
 
 
 @dataclass(frozen=True)
@@ -66,12 +66,29 @@ class Entry:
         return float(low), float(high)
 
 
+OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")  # parameters that rclpy declares
+_QUALITIES = "qos_overrides."  # what parameters that change a topic's quality of service begin with
+
+
+def node_with_what_was_given(name: str) -> Node:
+    """A node on which every parameter that was given at the start is declared, known or not, for a ParameterTable.
+
+    Raises InputError.
+    """
+    try:
+        return Node(name, automatically_declare_parameters_from_overrides=True)
+    except ValueError as error:  # of an empty list, which has no type; rclpy does not say whose
+        raise InputError(f"a parameter has no value: give it one, or leave it out ({first_line(error)})") from None
+
+
 class ParameterTable:
     """Entries declared on a node; reads are of the entry's own type."""
 
     def __init__(self, node: Node) -> None:
+        """node: made by ``node_with_what_was_given``."""
         self._node = node
         self._entries: dict[str, Entry] = {}
+        self._given = frozenset(node.get_parameters_by_prefix(""))
         node.add_on_set_parameters_callback(self._check)
 
     def declare(self, entries: Iterable[Entry], prefix: str = "") -> None:
@@ -79,6 +96,8 @@ class ParameterTable:
         for entry in entries:
             name = f"{prefix}.{entry.name}" if prefix else entry.name
             self._entries[name] = entry
+            if name in self._given:  # now with its description and its bounds
+                self._node.undeclare_parameter(name)
             try:
                 self._node.declare_parameter(name, entry.default, entry.descriptor())
             except ParameterException as error:
@@ -97,8 +116,10 @@ class ParameterTable:
 
     def warn_of_unknown(self) -> None:
         """Tell of names that were given at the start and mean nothing: misspelt, most likely."""
-        given = getattr(self._node, "_parameter_overrides", {})
-        for name in sorted(name for name in given if not self._node.has_parameter(name)):
+        for name in sorted(self._given - self._entries.keys() - set(OF_EVERY_NODE)):
+            if name.startswith(_QUALITIES):
+                continue
+            self._node.undeclare_parameter(name)
             self._node.get_logger().warning(f"parameter {name} is not known and has no effect")
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
@@ -16,7 +15,7 @@ from fisheye_ep_calib.rectification import rectified_camera_info
 from fisheye_ep_calib.ros.camera_info_message import camera_info_message
 from fisheye_ep_calib.ros.image_intake import ImageIntake
 from fisheye_ep_calib.ros.latest_worker import LatestWorker
-from fisheye_ep_calib.ros.parameter_table import ParameterTable
+from fisheye_ep_calib.ros.parameter_table import ParameterTable, node_with_what_was_given
 from fisheye_ep_calib.ros.picture_message import picture_message
 from fisheye_ep_calib.ros.rectifier_parameters import declare, distance
 from fisheye_ep_calib.storage.pictures import Picture, decode_compressed_picture, decode_depth, decode_picture
@@ -30,7 +29,7 @@ class RectifierNode:
 
     def __init__(self) -> None:
         """Raises InputError for parameters or files that cannot be used."""
-        self.node = Node("rectifier")
+        self.node = node_with_what_was_given("rectifier")
         self._worker: LatestWorker | None = None
         try:
             self._start()

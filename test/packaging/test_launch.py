@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,6 +23,7 @@ class Recorded:
 
 
 COMMON = {"parameters", "namespace", "name", "use_sim_time", "log_level"}
+COMMON_PART = "fisheye_ep_calib.ros.launching"
 NODES = {"calibrator": COMMON, "rectifier": COMMON | {"camera_file", "topic", "distance"}}
 
 
@@ -35,7 +37,7 @@ def launch_file(executable: str) -> str:
 
 
 @pytest.fixture
-def description(executable: str, monkeypatch: pytest.MonkeyPatch) -> Recorded:
+def description(executable: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Recorded]:
     names = {
         "launch": ["LaunchDescription"],
         "launch.actions": ["DeclareLaunchArgument"],
@@ -50,7 +52,9 @@ def description(executable: str, monkeypatch: pytest.MonkeyPatch) -> Recorded:
         for member in members:
             setattr(module, member, type(member, (Recorded,), {}))
         monkeypatch.setitem(sys.modules, name, module)
-    return runpy.run_path(launch_file(executable))["generate_launch_description"]()
+    sys.modules.pop(COMMON_PART, None)
+    yield runpy.run_path(launch_file(executable))["generate_launch_description"]()
+    sys.modules.pop(COMMON_PART, None)
 
 
 def test_the_node_gets_every_declared_argument(executable: str, description: Recorded) -> None:
