@@ -40,7 +40,7 @@ def surface_maps(camera: FisheyeCamera, view: View, distance: float = np.inf, su
     if surface not in SURFACES:
         raise InputError(f"unknown surface {surface!r}; known: {', '.join(SURFACES)}")
     if not distance > 0:
-        raise InputError(f"the distance must be positive, not {distance:g} m")
+        raise InputError(f"`distance` must be positive, not {distance:g} m")
     far = np.isinf(distance)
     seen_by = _central(camera) if far else camera
 
@@ -65,7 +65,7 @@ class DepthMaps:
     def __init__(self, camera: FisheyeCamera, view: View, nearest: float) -> None:
         """nearest: metres; nearer points are taken to be there."""
         if not 0 < nearest < np.inf:
-            raise InputError(f"the nearest depth must be positive, not {nearest:g} m")
+            raise InputError(f"`nearest_depth` must be positive, not {nearest:g} m")
         self.nearest = nearest
         node = 0.5 * (1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES))
         to_coefficients = np.linalg.inv(np.vander(node, increasing=True))

@@ -32,7 +32,7 @@ class View:
             raise InputError(f"unknown projection {self.projection!r}; known: {', '.join(PROJECTIONS)}")
         if not all(1 <= side <= LONGEST_SIDE for side in self.size):
             raise InputError(
-                f"a rectified image of {self.size[0]}×{self.size[1]} pixels: each side must lie in 1..{LONGEST_SIDE}"
+                f"`size` {self.size[0]}×{self.size[1]}: each side of the image must lie in 1..{LONGEST_SIDE} pixels"
             )
         if not (0 < self.focal < np.inf and np.isfinite([self.yaw, self.pitch]).all()):
             raise InputError("a view needs a positive focal length and finite angles")
@@ -82,8 +82,8 @@ def make_view(
         fov = min(field_of_view(camera), kind.usual_fov)
     if not 0 < fov <= kind.largest_fov + 1e-9:
         raise InputError(
-            f"a {projection} view's field must lie above 0° and up to {np.degrees(kind.largest_fov):.0f}°, "
-            f"not {np.degrees(fov):g}°"
+            f"`fov` of a {projection} view must lie above 0° and up to {np.degrees(kind.largest_fov):.0f}°, "
+            f"not at {np.degrees(fov):g}°"
         )
     half = kind.half_extent(fov / 2)
     if size is None:

@@ -10,7 +10,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
-from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.answer import Answer, together
 from fisheye_ep_calib.live.calibrator import LiveCalibrator
 from fisheye_ep_calib.live.outcome import Outcome
@@ -20,6 +19,7 @@ from fisheye_ep_calib.ros.calibration_publisher import CalibrationPublisher
 from fisheye_ep_calib.ros.calibrator_parameters import declare, tuning
 from fisheye_ep_calib.ros.driver_commit import PATIENCE, DriverCommit
 from fisheye_ep_calib.ros.image_intake import ImageIntake
+from fisheye_ep_calib.ros.node_announcer import announcer_of
 from fisheye_ep_calib.ros.parameter_table import ParameterTable, node_with_what_was_given
 from fisheye_ep_calib.ros.patient_node import PatientNode
 from fisheye_ep_calib.ros.quality import LATCHED
@@ -56,7 +56,6 @@ class CalibratorNode:
     def _start(self) -> None:
         self._parameters = ParameterTable(self.node)
         settings = declare(self._parameters)
-        logger = self.node.get_logger()
         self._parameters.warn_of_unknown()
         cameras = settings.cameras
         self._publishers = {camera.name: CalibrationPublisher(self.node, camera) for camera in cameras}
@@ -65,7 +64,7 @@ class CalibratorNode:
         self._drivers = {camera.name: DriverCommit(self._patient, self.node, camera) for camera in cameras}
         self._status = StatusPublisher(self.node)
         self._rig = self.node.create_publisher(String, "~/rig", LATCHED) if settings.rig else None
-        announcer = Announcer(logger.info, logger.warning)
+        announcer = announcer_of(self.node)
         self._live = live = LiveCalibrator(settings, tuning(self._parameters), announcer, self)
         self._intakes = {camera.name: self._intake(live, camera) for camera in cameras}
         self.node.add_post_set_parameters_callback(lambda changed: self._retune(live, changed))

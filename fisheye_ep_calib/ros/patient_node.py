@@ -12,6 +12,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from fisheye_ep_calib.live.answer import Answer
+from fisheye_ep_calib.ros.parameter_names import with_parameters
 from fisheye_ep_calib.ros.spinning import spin_until
 
 THREADS = 6  # one for each service that waits, one for a driver's answer, one for the timers
@@ -45,7 +46,7 @@ class PatientNode:
 
         def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             done = action()
-            response.success, response.message = done.success, done.text
+            response.success, response.message = done.success, with_parameters(done.text)
             return response
 
         service = self._visible.resolve_service_name(f"~/{name}")

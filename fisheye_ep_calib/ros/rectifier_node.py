@@ -10,11 +10,11 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.rectification import rectified_camera_info
 from fisheye_ep_calib.ros.camera_info_message import camera_info_message
 from fisheye_ep_calib.ros.image_intake import ImageIntake
 from fisheye_ep_calib.ros.latest_worker import LatestWorker
+from fisheye_ep_calib.ros.node_announcer import announcer_of
 from fisheye_ep_calib.ros.parameter_table import ParameterTable, node_with_what_was_given
 from fisheye_ep_calib.ros.picture_message import picture_message
 from fisheye_ep_calib.ros.rectifier_parameters import declare, distance
@@ -52,7 +52,7 @@ class RectifierNode:
         self._settings = settings = declare(self._parameters)
         logger = self.node.get_logger()
         self._parameters.warn_of_unknown()
-        self._announcer = Announcer(logger.info, logger.warning)
+        self._announcer = announcer_of(self.node)
         self._rectifier = settings.rectifier
         self._info = camera_info_message(rectified_camera_info(self._rectifier.view))
         self._images = self.node.create_publisher(Image, f"{settings.output}/image_rect", 5)
