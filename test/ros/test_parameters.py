@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 import yaml
 
 from fisheye_ep_calib.live.settings import Tuning
 from fisheye_ep_calib.ros.calibrator_parameters import CAMERA, NODE
+from fisheye_ep_calib.ros.parameter_names import with_parameters
 from fisheye_ep_calib.ros.rectifier_parameters import ENTRIES
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -52,3 +54,16 @@ def test_tuning_and_the_table_have_the_same_defaults() -> None:
     assert defaults["maximum_views"] == tuning.limits.maximum_views
     for name in ("position", "size", "tilt"):
         assert defaults[f"novelty.{name}"] == getattr(tuning.limits.novelty, name)
+
+
+@pytest.mark.parametrize(
+    ("said", "heard"),
+    [
+        ("`fov` must lie above 0°", "parameter fov must lie above 0°"),
+        ("`size` 9×9: each side …", "parameter width and height 9×9: each side …"),
+        ("front: unknown `model` x", "front: unknown parameter model x"),
+        ("cannot write `a file`; call ~/save", "cannot write `a file`; call ~/save"),
+    ],
+)
+def test_errors_name_the_nodes_parameters(said: str, heard: str) -> None:
+    assert with_parameters(said) == heard

@@ -234,7 +234,7 @@ def test_hostile_messages_are_told_once_and_survived(start_rectifier, probe, com
         ({"camera_file": "''"}, "camera_file"),
         ({"camera_file": "/nowhere.yaml"}, "/nowhere.yaml"),
         ({"projection": "fisheye"}, "perspective, cylindrical, equirectangular"),
-        ({"fov": "180.0"}, "170"),
+        ({"fov": "180.0"}, "parameter fov of a perspective view must lie above 0° and up to 170°"),
         ({"width": "100"}, "give both or neither"),
         ({"distance": "-1.0"}, "distance"),
         ({"topic": "/"}, "no image topic"),
