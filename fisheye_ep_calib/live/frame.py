@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.overlay import OverlayRequest, draw_overlay
 from fisheye_ep_calib.storage.images import decode_compressed, decode_image
-from fisheye_ep_calib.target import Detection, Target
+from fisheye_ep_calib.target import Detection, Detector, Target
 
 
 @dataclass(frozen=True)
@@ -74,26 +74,33 @@ def detect_in_frame(
     detector = target.detector()
     detection = detector.detect(image)
     if camera is not None and camera.image_size == (width, height):
-        pose = pose_of(detection, target, camera)
-        again = Detection() if pose is None else detector.detect_guided(image, camera, pose)
-        detection = again if len(again) else detection
+        detection = second_look(detector, image, detection, target, camera)
     picture = draw_overlay(image, detection, overlay) if overlay else None
     return Sighting(frame.name, (width, height), detection, picture)
 
 
-def pose_of(detection: Detection, target: Target, camera: FisheyeCamera) -> np.ndarray | None:
-    """camera_from_target (4, 4) of what was found in an image of this camera; None where no pose explains it."""
-    if len(detection) == 0:
-        return None
+def second_look(
+    detector: Detector, image: np.ndarray, first: Detection, target: Target, camera: FisheyeCamera
+) -> Detection:
+    """Find the target again where the camera, and the pose from what was found first, say that it is.
+
+    What was found first where nothing comes of it. The camera is believed as far out as the first look saw the target:
+    a camera from few views has evidence of the middle of the image alone.
+    """
+    if len(first) == 0:
+        return first
     observations = Observations.create(
         target.object_points,
-        np.zeros(len(detection), dtype=int),
-        detection.point_index,
-        detection.pixels,
+        np.zeros(len(first), dtype=int),
+        first.point_index,
+        first.pixels,
         camera.image_size,
         disc_radius=target.disc_radius,
     )
     try:
-        return evaluate_camera(camera, observations).camera_from_target[0]
+        found = evaluate_camera(camera, observations)
     except CalibrationError:
-        return None
+        return first
+    reach = max(camera.theta_max, float(np.nanmax(found.theta)))
+    again = detector.detect_guided(image, replace(camera, theta_max=reach), found.camera_from_target[0])
+    return again if len(again) else first
