@@ -1,4 +1,4 @@
-"""Which moments of a rig's recording to look at: some evenly spread, then those next to where two cameras saw the target.
+"""Which moments of a rig's recording to look at: some, evenly spread, then those next to where two cameras saw it.
 
 A moment is one row of an array (m, cameras): the numbers of the images taken at the same time, −1 where there is none.
 """
