@@ -6,12 +6,14 @@ import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from fisheye_ep_calib.camera.extras import LENS_EXTRAS
 from fisheye_ep_calib.camera.lenses import LENSES, Lens, solve_angle
 from fisheye_ep_calib.camera.lenses.lens import increasing_limit
+from fisheye_ep_calib.camera.parameters import PIXEL_NAMES, ParameterLayout, parameter_layout
 from fisheye_ep_calib.camera.projection import project_coordinates
 from fisheye_ep_calib.camera.pupils import (
     PUPIL_FAMILIES,
@@ -22,7 +24,6 @@ from fisheye_ep_calib.camera.pupils import (
 from fisheye_ep_calib.errors import InputError
 
 FAR = 1e6  # metres, in place of infinity: a pupil's shift has no effect there
-_PIXEL_PARAMETERS = ("fx", "fy", "skew", "cx", "cy")
 
 
 def _read_only(values) -> np.ndarray:
@@ -82,7 +83,7 @@ class FisheyeCamera:
         """Replace what was given by plain numbers that belong to this camera alone."""
         width, height = (operator.index(side) for side in self.image_size)
         own: dict = {"image_size": (width, height)}
-        own |= {name: float(getattr(self, name)) for name in (*_PIXEL_PARAMETERS, "theta_max")}
+        own |= {name: float(getattr(self, name)) for name in (*PIXEL_NAMES, "theta_max")}
         own |= {name: tuple(map(float, getattr(self, name))) for name in ("radial", "coefficients")}
         own["extras"] = {name: tuple(map(float, values)) for name, values in self.extras.items()}
         for name, value in own.items():
@@ -110,32 +111,23 @@ class FisheyeCamera:
         return tuple((name, tuple(self.extras[name])) for name in LENS_EXTRAS if name in self.extras)
 
     @cached_property
+    def layout(self) -> ParameterLayout:
+        """Order, names and units of ``parameters``."""
+        return parameter_layout(self.lens, tuple(name for name, _ in self.active_extras), len(self.coefficients))
+
+    @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of ``parameters``: fx, fy, skew, cx, cy, the lens's, the extras' in use, e1, e2, …"""
-        names = list(_PIXEL_PARAMETERS) + list(self.lens_model.coefficient_names)
-        for name, _ in self.active_extras:
-            names += LENS_EXTRAS[name].coefficient_names
-        return tuple(names + [f"e{i + 1}" for i in range(len(self.coefficients))])
-
-    @cached_property
-    def _slices(self) -> dict[str, slice]:
-        blocks = [("pixels", 5), ("radial", len(self.radial))]
-        blocks += [(name, len(values)) for name, values in self.active_extras]
-        blocks.append(("coefficients", len(self.coefficients)))
-        slices, start = {}, 0
-        for name, size in blocks:
-            slices[name] = slice(start, start + size)
-            start += size
-        return slices
+        return self.layout.names
 
     def parameter_slice(self, block: str) -> slice:
         """Where "pixels", "radial", an extra in use or "coefficients" stand in ``parameters``."""
-        return self._slices[block]
+        return self.layout.slices[block]
 
     @cached_property
     def parameters(self) -> np.ndarray:
         """All parameters (P,) in the order of ``parameter_names``."""
-        values = [self.fx, self.fy, self.skew, self.cx, self.cy, *self.radial]
+        values = [*(getattr(self, name) for name in PIXEL_NAMES), *self.radial]
         for _, coefficients in self.active_extras:
             values += coefficients
         return _read_only([*values, *self.coefficients])
@@ -145,19 +137,10 @@ class FisheyeCamera:
         values = [float(value) for value in parameters]
         if len(values) != len(self.parameter_names):
             raise InputError(f"this camera has {len(self.parameter_names)} parameters, not {len(values)}")
-        blocks = {name: tuple(values[block]) for name, block in self._slices.items()}
-        fx, fy, skew, cx, cy = blocks["pixels"]
-        return replace(
-            self,
-            fx=fx,
-            fy=fy,
-            skew=skew,
-            cx=cx,
-            cy=cy,
-            radial=blocks["radial"],
-            extras={name: blocks[name] for name, _ in self.active_extras},
-            coefficients=blocks["coefficients"],
-        )
+        blocks = {name: tuple(values[block]) for name, block in self.layout.slices.items()}
+        changes: dict[str, Any] = dict(zip(PIXEL_NAMES, blocks["pixels"], strict=True))
+        changes |= {name: blocks[name] for name in ("radial", "coefficients")}
+        return replace(self, **changes, extras={name: blocks[name] for name, _ in self.active_extras})
 
     @cached_property
     def theta_limit(self) -> float:

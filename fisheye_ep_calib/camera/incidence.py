@@ -10,7 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fisheye_ep_calib.camera.pupils import PupilFamily, entrance_pupil, entrance_pupil_derivative
+from fisheye_ep_calib.camera.pupils import (
+    PupilFamily,
+    entrance_pupil,
+    entrance_pupil_derivative,
+    entrance_pupil_with_derivative,
+)
 
 _NEWTON_STEPS = 8
 _LEAST_SLOPE = 1e-4  # of the distance: on the caustic, where the slope is zero, a pixel's derivatives are infinite
@@ -55,17 +60,20 @@ def solve_incidence_angle(
         safe = np.where(distance > 0, distance, 1.0)
         return IncidenceAngle(theta, rho / safe, z / safe, distance, valid)
     with np.errstate(all="ignore"):  # points that run away are caught below
+        square = rho * rho
         for _ in range(_NEWTON_STEPS):
-            axial = z + entrance_pupil(family, theta, coefficients)
-            bend = rho * entrance_pupil_derivative(family, theta, coefficients)
-            step = (np.arctan2(rho, axial) - theta) / (1 + bend / (rho * rho + axial * axial))
+            axial, derivative = entrance_pupil_with_derivative(family, theta, coefficients)
+            axial += z
+            step = np.arctan2(rho, axial)
+            step -= theta
+            step /= 1 + rho * derivative / (square + axial * axial)
             theta = theta + step
             if np.abs(step).max(initial=0.0) < _SMALL_STEP:
                 break
-        axial = z + entrance_pupil(family, theta, coefficients)
-        distance = np.sqrt(rho * rho + axial * axial)
+        axial += derivative * step  # E at the angle after the last step: exact to its square
+        distance = np.sqrt(square + axial * axial)
         sine, cosine = rho / distance, axial / distance
-        slope = distance + entrance_pupil_derivative(family, theta, coefficients) * sine
+        slope = distance + derivative * sine
         solved = (np.abs(step) < _SMALL_STEP) & (theta >= 0) & (theta <= theta_limit)
         solved &= slope > _LEAST_SLOPE * distance
     if solved.all():
@@ -81,9 +89,10 @@ def solve_incidence_angle(
 def _equation(theta, rho, z, family: PupilFamily, coefficients: np.ndarray):
     """g(θ), −g′(θ) = ρ sinθ + (z + E) cosθ + E′ sinθ, sinθ and cosθ."""
     sine, cosine = np.sin(theta), np.cos(theta)
-    axial = z + entrance_pupil(family, theta, coefficients)
+    shift, derivative = entrance_pupil_with_derivative(family, theta, coefficients)
+    axial = z + shift
     value = rho * cosine - axial * sine
-    slope = (rho + entrance_pupil_derivative(family, theta, coefficients)) * sine + axial * cosine
+    slope = (rho + derivative) * sine + axial * cosine
     return value, slope, sine, cosine
 
 

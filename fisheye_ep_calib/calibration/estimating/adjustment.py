@@ -84,23 +84,28 @@ def evaluate(problem: AdjustmentProblem, state: AdjustmentState) -> NormalEquati
         )
         used = block.weights > 0
         valid = valid and bool(found.valid[used].all())
-        system = np.empty((2, columns, *block.weights.shape))
-        system[:, :6] = found.d_pose
-        for column, parameter in enumerate(free, start=6):
-            system[:, column] = found.d_camera[:, parameter]
-        if problem.warp_free:
-            system[:, 6 + len(free) : 6 + size] = found.d_warp
-        np.subtract(found.pixels, block.pixels, out=system[:, -1])
+        error = found.pixels - block.pixels
         weights = np.where(found.valid, block.weights, 0.0)
-        square = (system[0, -1] ** 2 + system[1, -1] ** 2) * weights**2
-        loss, factor = problem.loss.evaluate(square)
+        loss, factor = problem.loss.evaluate((error[0] ** 2 + error[1] ** 2) * weights**2)
         cost += 0.5 * float(loss[used].sum())
-        system *= weights * factor
-        by_view = np.swapaxes(system, 1, 2)
-        products = by_view[0] @ np.swapaxes(by_view[0], 1, 2)
-        products += by_view[1] @ np.swapaxes(by_view[1], 1, 2)
-        hessian[block.views] = products
+        weights *= factor
+        d_camera = found.d_camera if len(free) == found.d_camera.shape[1] else found.d_camera[:, free]
+        parts = [found.d_pose, d_camera, *([found.d_warp] if problem.warp_free else []), error[:, None]]
+        hessian[block.views] = _products(parts, weights, columns)
     return NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)))
+
+
+def _products(parts: list[np.ndarray], weights: np.ndarray, columns: int) -> np.ndarray:
+    """JᵀJ (B, C, C) of each view for weighted columns: parts (2, Q, B, N), C in all, and weights (B, N)."""
+    views, slots = weights.shape
+    system = np.empty((views, columns, 2, slots))
+    first = 0
+    for part in parts:
+        last = first + part.shape[1]
+        np.multiply(part.transpose(2, 1, 0, 3), weights[:, None, None], out=system[:, first:last])
+        first = last
+    rows = system.reshape(views, columns, 2 * slots)
+    return rows @ rows.transpose(0, 2, 1)
 
 
 def residuals(problem: AdjustmentProblem, state: AdjustmentState, count: int):

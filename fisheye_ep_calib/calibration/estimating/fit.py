@@ -211,12 +211,16 @@ def _first_fit(sightings: Sightings, lens: str, robust: bool, wide: bool = False
     features = replace(sightings.features, disc_radius=None)
     problem = AdjustmentProblem(sightings.blocks, features, structure.free(camera))
     if not robust:
-        return Fit(structure, sightings, problem, adjust(problem, state, max_iterations=30, tolerance=_ROUGH))
+        return Fit(structure, sightings, problem, _roughly_adjusted(problem, state))
     for _ in range(3):
         problem = _cauchy(problem, state, observations)
-        found = adjust(problem, state, max_iterations=30, tolerance=_ROUGH)
+        found = _roughly_adjusted(problem, state)
         state = found.state
     return Fit(structure, sightings, problem, found)
+
+
+def _roughly_adjusted(problem: AdjustmentProblem, state: AdjustmentState) -> Adjustment:
+    return adjust(problem, state, max_iterations=30, tolerance=_ROUGH, last_step=False)
 
 
 def _cauchy(problem: AdjustmentProblem, state: AdjustmentState, observations: Observations) -> AdjustmentProblem:

@@ -12,7 +12,7 @@ from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquat
 
 CONVERGED = 1e-10  # predicted decrease of the cost, as a fraction of it
 MOST_ITERATIONS = 500  # weak data lead along a long curved valley
-_FIRST_DAMPING = 1e-4
+_FIRST_DAMPING = 1e-6  # starts are good; more would slow what the data hold weakly, such as a pupil's terms
 _MOST_DAMPING = 1e14
 
 State = TypeVar("State")
@@ -20,7 +20,7 @@ State = TypeVar("State")
 
 @dataclass(frozen=True)
 class Minimum(Generic[State]):
-    """Where the minimisation ended. equations: the undamped normal equations there."""
+    """Where the minimisation ended. equations: the undamped normal equations there, or where its last step began."""
 
     state: State
     equations: NormalEquations
@@ -40,6 +40,7 @@ def minimise(
 
     stepped: the state after a step, or None where there is none. Converged when the step's predicted decrease falls
     below tolerance × cost. last_step: whether that step is taken as well; where only the cost matters it need not be.
+    One below CONVERGED × cost is taken without another evaluation, which could not tell it from rounding.
     """
     equations = evaluate(state)
     damping, growth = _FIRST_DAMPING, 4.0
@@ -51,11 +52,14 @@ def minimise(
                 return Minimum(state, equations, iteration + 1, False)
             damping, growth = max(damping, 1e-6) * growth, growth * 2
             continue
-        floor = tolerance * max(equations.cost, 1e-14)
-        small = 0 <= step.predicted_decrease <= floor
-        if small and damping < 1.0 and not last_step:
+        scale = max(equations.cost, 1e-14)
+        small = 0 <= step.predicted_decrease <= tolerance * scale
+        ends = small and damping < 1.0
+        if ends and not last_step:
             return Minimum(state, equations, iteration, True)
         trial = stepped(state, step)
+        if ends and trial is not None and step.predicted_decrease <= CONVERGED * scale:
+            return Minimum(trial, equations, iteration + 1, True)
         trial_equations = evaluate(trial) if trial is not None else None
         accepted = trial_equations is not None and trial_equations.valid and trial_equations.cost < equations.cost
         if accepted and trial is not None and trial_equations is not None:
@@ -63,7 +67,7 @@ def minimise(
             state, equations = trial, trial_equations
             damping *= max(0.05, 1 - (2 * gain - 1) ** 3)
             damping, growth = max(damping, 1e-15), 4.0
-        if small and damping < 1.0:
+        if ends:
             return Minimum(state, equations, iteration + 1, True)
         if not accepted:
             damping, growth = max(damping, 1e-6) * growth, growth * 2

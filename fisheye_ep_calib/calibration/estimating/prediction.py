@@ -105,24 +105,20 @@ def _predict_points(
         shapes = features.board.warp_shapes(points)
         height = np.tensordot(board_warp, shapes, axes=1)
         points = points + features.board.axes[:, 2].reshape(3, *[1] * height.ndim) * height
-    rotation = camera_from_target[:, :3, :3, None]
-    offset = camera_from_target[:, :3, 3, None]
-    rotated = [
-        rotation[:, i, 0] * points[0] + rotation[:, i, 1] * points[1] + rotation[:, i, 2] * points[2] for i in range(3)
-    ]
-    x, y, z = (rotated[i] + offset[:, i] for i in range(3))
+    rotated = _rotated(camera_from_target[:, :3, :3], points)
+    x, y, z = rotated + camera_from_target[:, :3, 3].T.reshape(3, *[1] * (points.ndim - 3), -1, 1)
     normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
     if features.target_axis:
         found, moved = project_along_target_axis(camera, x, y, z, normal.T, theta_limit, jacobian)
-        rotated = [rotated[i] + moved[i] for i in range(3)]
+        rotated = rotated + moved
     else:
         found = project_coordinates(camera, x, y, z, theta_limit, jacobian)
     pixels = np.stack([found.u, found.v])
     if not jacobian:
         return Prediction(pixels, found.valid, found.theta)
     d_point = found.d_point
-    middle = (camera_from_target[:, :3, :3] @ features.board.middle).T[..., None]
-    arms = [rotated[i] - middle[i] for i in range(3)]
+    middle = (camera_from_target[:, :3, :3] @ features.board.middle).T
+    arms = rotated - middle.reshape(3, *[1] * (points.ndim - 3), -1, 1)
     d_pose = np.empty((2, 6, *found.u.shape))
     for row in range(2):
         d_pose[row, 0] = arms[1] * d_point[row, 2] - arms[2] * d_point[row, 1]
@@ -134,3 +130,10 @@ def _predict_points(
         along = (d_point * normal.T.reshape(3, *[1] * (points.ndim - 3), -1, 1)).sum(axis=1)
         d_warp = along[:, None] * shapes
     return Prediction(pixels, found.valid, found.theta, d_pose, found.d_parameters, d_warp)
+
+
+def _rotated(rotation: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """R p (3, ..., B, N) of points (3, ..., B, N), one rotation (B, 3, 3) a view."""
+    result = np.empty(points.shape)
+    np.matmul(rotation, np.moveaxis(points, 0, -2), out=np.moveaxis(result, 0, -2))
+    return result

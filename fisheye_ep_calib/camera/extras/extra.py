@@ -8,12 +8,12 @@ _SOLVED = 1e-9  # of the plane's unit
 
 
 class PlaneJacobian(NamedTuple):
-    """∂(x′, y′)/∂(x, y), each of shape S."""
+    """∂(x′, y′)/∂(x, y), each of shape S, or a number where it is the same everywhere."""
 
-    xx: np.ndarray
-    xy: np.ndarray
-    yx: np.ndarray
-    yy: np.ndarray
+    xx: np.ndarray | float
+    xy: np.ndarray | float
+    yx: np.ndarray | float
+    yy: np.ndarray | float
 
 
 class LensExtra(Protocol):

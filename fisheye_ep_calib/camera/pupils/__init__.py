@@ -7,7 +7,12 @@ A new family is one module with an object of the ``PupilFamily`` protocol and on
 
 from fisheye_ep_calib.camera.pupils.central import CENTRAL
 from fisheye_ep_calib.camera.pupils.even import EVEN
-from fisheye_ep_calib.camera.pupils.family import PupilFamily, entrance_pupil, entrance_pupil_derivative
+from fisheye_ep_calib.camera.pupils.family import (
+    PupilFamily,
+    entrance_pupil,
+    entrance_pupil_derivative,
+    entrance_pupil_with_derivative,
+)
 from fisheye_ep_calib.camera.pupils.gennery import GENNERY
 from fisheye_ep_calib.camera.pupils.odd import ODD
 
@@ -18,4 +23,10 @@ PUPIL_FAMILIES: dict[str, PupilFamily] = {
     "ep_even": EVEN,
 }
 
-__all__ = ["PUPIL_FAMILIES", "PupilFamily", "entrance_pupil", "entrance_pupil_derivative"]
+__all__ = [
+    "PUPIL_FAMILIES",
+    "PupilFamily",
+    "entrance_pupil",
+    "entrance_pupil_derivative",
+    "entrance_pupil_with_derivative",
+]
