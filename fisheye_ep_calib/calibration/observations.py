@@ -7,20 +7,11 @@ from os import PathLike
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.observation_keys import OPTIONAL, REQUIRED, checked_keys, whole_numbers
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.npz_file import read_npz
 
 _MOST_IMAGES = 10**7  # every number up to the largest gets a name
-
-
-def _whole(name: str, values) -> np.ndarray:
-    """Whole numbers (k,) int64. Raises InputError."""
-    try:
-        found = np.array(values, dtype=float).reshape(-1)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must hold whole numbers") from None
-    if not (np.isfinite(found).all() and (found == np.rint(found)).all()):
-        raise InputError(f"{name} must hold whole numbers")
-    return found.astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -62,44 +53,19 @@ class Observations:
         """Validate, sort by image and fill in what is optional. Raises InputError."""
         # To the picometre, so that lengths given in mm and in m are the same numbers.
         object_points = np.round(np.array(object_points, dtype=float), 12)
-        image_index, point_index = _whole("image_index", image_index), _whole("point_index", point_index)
+        image_index = whole_numbers("image_index", image_index).reshape(-1)
+        point_index = whole_numbers("point_index", point_index).reshape(-1)
         pixels = np.array(pixels, dtype=float)
-        count = len(image_index)
-        if object_points.ndim != 2 or object_points.shape[1] != 3 or not np.isfinite(object_points).all():
-            raise InputError("object_points must be finite and of shape (n, 3)")
-        if pixels.shape != (count, 2) or point_index.shape != (count,):
-            raise InputError("image_index, point_index and pixels must have one row an observation")
-        if count == 0:
-            raise InputError("there are no observations")
-        if not np.isfinite(pixels).all():
-            bad = int(np.flatnonzero(~np.isfinite(pixels).all(axis=1))[0])
-            raise InputError(f"observation {bad} (image {image_index[bad]}) has a pixel that is not finite")
-        if point_index.min() < 0 or point_index.max() >= len(object_points):
-            raise InputError(f"point_index must lie in 0..{len(object_points) - 1}")
-        if image_index.min() < 0:
-            raise InputError("image_index must not be negative")
-        size = _whole("image_size", image_size)
-        if len(size) != 2 or (size <= 0).any():
-            raise InputError("image_size must be positive: width and height in pixels")
-        width, height = size.tolist()
-        outside = (pixels < -0.5).any(axis=1) | (pixels > np.array([width, height]) - 0.5).any(axis=1)
-        if outside.any():
-            bad = int(np.flatnonzero(outside)[0])
-            raise InputError(f"observation {bad} (image {image_index[bad]}) lies outside the {width}×{height} image")
+        _check_shapes(object_points, image_index, point_index, pixels)
+        size = _checked_size(image_size)
+        _check_inside(pixels, image_index, size)
         pair = image_index * len(object_points) + point_index
-        if len(np.unique(pair)) != count:
+        if len(np.unique(pair)) != len(pair):
             raise InputError("an image lists the same point twice")
-        weights = np.ones(count) if weights is None else np.array(weights, dtype=float).reshape(-1)
-        if weights.shape != (count,) or not np.isfinite(weights).all() or (weights < 0).any():
+        weights = np.ones(len(pixels)) if weights is None else np.array(weights, dtype=float).reshape(-1)
+        if weights.shape != (len(pixels),) or not np.isfinite(weights).all() or (weights < 0).any():
             raise InputError("weights must be finite, not negative, one an observation")
-        images = int(image_index.max()) + 1
-        if image_names is None:
-            if images > _MOST_IMAGES:
-                raise InputError(f"image_index has {images - 1}: number the images from 0, without large gaps")
-            image_names = tuple(str(i) for i in range(images))
-        image_names = tuple(str(name) for name in image_names)
-        if len(image_names) < images:
-            raise InputError("image_names is shorter than the images that image_index counts")
+        image_names = _checked_names(image_names, int(image_index.max()) + 1)
         if split is not None:
             split = np.array(split).astype(str).reshape(-1)
             if len(split) != len(image_names):
@@ -112,7 +78,7 @@ class Observations:
             image_index[order],
             point_index[order],
             pixels[order],
-            (width, height),
+            size,
             weights[order],
             image_names,
             split,
@@ -121,10 +87,12 @@ class Observations:
 
     @staticmethod
     def load(path: str | PathLike) -> Observations:
-        """Read an observation file (.npz)."""
-        from fisheye_ep_calib.storage.observation_file import load_observations
-
-        return load_observations(path)
+        """Read an observation file (.npz); lengths become metres. Raises InputError with the path and what is wrong."""
+        arrays = read_npz(path, REQUIRED, OPTIONAL, "an observation file")
+        try:
+            return Observations.create(**checked_keys(arrays))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
 
     @property
     def view_count(self) -> int:
@@ -141,3 +109,47 @@ class Observations:
             pixels=self.pixels[keep],
             weights=self.weights[keep],
         )
+
+
+def _check_shapes(object_points, image_index, point_index, pixels) -> None:
+    """Refuse arrays that are not of one length, that are empty, not finite, or name points that are not there."""
+    count = len(image_index)
+    if object_points.ndim != 2 or object_points.shape[1] != 3 or not np.isfinite(object_points).all():
+        raise InputError("object_points must be finite and of shape (n, 3)")
+    if pixels.shape != (count, 2) or point_index.shape != (count,):
+        raise InputError("image_index, point_index and pixels must have one row an observation")
+    if count == 0:
+        raise InputError("there are no observations")
+    if not np.isfinite(pixels).all():
+        bad = int(np.flatnonzero(~np.isfinite(pixels).all(axis=1))[0])
+        raise InputError(f"observation {bad} (image {image_index[bad]}) has a pixel that is not finite")
+    if point_index.min() < 0 or point_index.max() >= len(object_points):
+        raise InputError(f"point_index must lie in 0..{len(object_points) - 1}")
+    if image_index.min() < 0:
+        raise InputError("image_index must not be negative")
+
+
+def _checked_size(image_size) -> tuple[int, int]:
+    size = whole_numbers("image_size", image_size).reshape(-1)
+    if len(size) != 2 or (size <= 0).any():
+        raise InputError("image_size must be positive: width and height in pixels")
+    return int(size[0]), int(size[1])
+
+
+def _check_inside(pixels: np.ndarray, image_index: np.ndarray, size: tuple[int, int]) -> None:
+    outside = (pixels < -0.5).any(axis=1) | (pixels > np.array(size) - 0.5).any(axis=1)
+    if outside.any():
+        bad = int(np.flatnonzero(outside)[0])
+        raise InputError(f"observation {bad} (image {image_index[bad]}) lies outside the {size[0]}×{size[1]} image")
+
+
+def _checked_names(names, images: int) -> tuple[str, ...]:
+    """One name an image: those given, or the images' numbers."""
+    if names is None:
+        if images > _MOST_IMAGES:
+            raise InputError(f"image_index has {images - 1}: number the images from 0, without large gaps")
+        names = range(images)
+    names = tuple(str(name) for name in names)
+    if len(names) < images:
+        raise InputError("image_names is shorter than the images that image_index counts")
+    return names

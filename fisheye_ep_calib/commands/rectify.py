@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import yaml
 
+from fisheye_ep_calib.camera.camera_info import camera_info_content
 from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.commands.sources import image_stem, numbered_alike
@@ -26,7 +27,6 @@ from fisheye_ep_calib.rectification import (
 )
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
-from fisheye_ep_calib.storage.camera_info_file import camera_info_content
 from fisheye_ep_calib.storage.recording import Frame, Recording, choose_topics, open_recording
 from fisheye_ep_calib.storage.results_folder import results_folder
 

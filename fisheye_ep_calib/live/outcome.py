@@ -12,9 +12,9 @@ from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibr
 from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
+from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, plain_camera_info
 from fisheye_ep_calib.live.advice import Advice, advise
 from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
-from fisheye_ep_calib.storage.camera_info import PlainCameraInfo, plain_camera_info
 
 PUPIL_ANGLES = (30, 60, 80)  # degrees at which E(θ) and its band are told
 GOAL_ANGLE = 60  # degrees at which the band is held against the goal

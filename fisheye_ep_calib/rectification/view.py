@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, pinhole_camera_info, uncalibrated_camera_info
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rectification.projections import PROJECTIONS, Projection
 
@@ -59,6 +60,13 @@ class View:
         """Pixels (..., 2) of points (..., 3) in the fisheye's frame; NaN where they have none."""
         x, y = PROJECTIONS[self.projection].plane(np.asarray(points_in_camera, dtype=float) @ self.camera_from_view)
         return np.stack([self.centre[0] + self.focal * x, self.centre[1] + self.focal * y], axis=-1)
+
+
+def rectified_camera_info(view: View) -> PlainCameraInfo:
+    """CameraInfo of a rectified image: a pinhole's for a perspective view; for others the projection's name alone."""
+    if not PROJECTIONS[view.projection].pinhole:
+        return uncalibrated_camera_info(view.size, view.projection)
+    return pinhole_camera_info(view.size, view.focal, view.centre)
 
 
 def make_view(

@@ -17,10 +17,9 @@ import numpy as np
 import yaml
 
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
+from fisheye_ep_calib.camera.camera_info import camera_info_content, plain_camera_info
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.atomic import atomic_write
-from fisheye_ep_calib.storage.camera_info import plain_camera_info
-from fisheye_ep_calib.storage.camera_info_file import camera_info_content
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.version import __version__
 from fisheye_ep_calib.yaml_file import read_yaml

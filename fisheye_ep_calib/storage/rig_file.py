@@ -12,9 +12,9 @@ import numpy as np
 import yaml
 
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.camera_info import plain_camera_info
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rig.result import RigCalibration
-from fisheye_ep_calib.storage.camera_info import plain_camera_info
 from fisheye_ep_calib.yaml_file import read_yaml
 
 SCHEMA = 1

@@ -10,7 +10,15 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = REPOSITORY / "fisheye_ep_calib"
-SHARED = {"errors", "cores", "rotation", "worker_processes", "yaml_file", "version"}  # modules that belong to no room
+SHARED = {
+    "errors",
+    "cores",
+    "rotation",
+    "worker_processes",
+    "yaml_file",
+    "npz_file",
+    "version",
+}  # modules that belong to no room
 
 
 def drawn() -> dict[str, set[str]]:

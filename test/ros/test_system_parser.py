@@ -12,10 +12,10 @@ import pytest
 import yaml
 
 from fisheye_ep_calib.calibration import Observations, calibrate
+from fisheye_ep_calib.camera.camera_info import plain_camera_info
 from fisheye_ep_calib.simulation import paper_camera, paper_poses, paper_target
 from fisheye_ep_calib.simulation.truth import feature_pixels
 from fisheye_ep_calib.storage.camera_file import save_camera
-from fisheye_ep_calib.storage.camera_info import plain_camera_info
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 READ = """

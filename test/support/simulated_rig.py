@@ -11,12 +11,11 @@ import yaml
 
 from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.camera_info import camera_info_content, plain_camera_info
 from fisheye_ep_calib.rig import RigCamera
 from fisheye_ep_calib.rig.symmetry import symmetries
 from fisheye_ep_calib.rotation import rotation_from_vector
 from fisheye_ep_calib.simulation import look_pose, observe, paper_camera
-from fisheye_ep_calib.storage.camera_info import plain_camera_info
-from fisheye_ep_calib.storage.camera_info_file import camera_info_content
 from fisheye_ep_calib.target import Target
 
 NAMES = ("front", "left", "rear")

@@ -8,12 +8,16 @@ import numpy as np
 
 from fisheye_ep_calib.target.base import Artwork, Target, bounding_board
 from fisheye_ep_calib.target.detection import Detector
-from fisheye_ep_calib.target.markers.aruco import aruco_dictionary, bits_as_quads, marker_bits
+from fisheye_ep_calib.target.markers.aruco import (
+    APRILGRID_BORDER,
+    APRILGRID_DICTIONARY,
+    aruco_dictionary,
+    bits_as_quads,
+    marker_bits,
+)
 from fisheye_ep_calib.target.schema import Keys
 
-DICTIONARY = "DICT_APRILTAG_36h11"
 TAGS_IN_FAMILY = 587
-BORDER_CELLS = 2  # black, around a tag
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +85,9 @@ class AprilGrid(Target):
     @property
     def tag_bits(self) -> np.ndarray:
         """Cells (tags, 10, 10) from each tag's bottom-left corner, row by row in y (upwards), 1 white."""
-        dictionary = aruco_dictionary(DICTIONARY, "an AprilGrid")
+        dictionary = aruco_dictionary(APRILGRID_DICTIONARY, "an AprilGrid")
         # Kalibr prints the family as its authors draw it; OpenCV holds it turned by 180°.
-        turned = marker_bits(dictionary, self.first_tag + np.arange(self.rows * self.columns), BORDER_CELLS)
+        turned = marker_bits(dictionary, self.first_tag + np.arange(self.rows * self.columns), APRILGRID_BORDER)
         return turned[:, :, ::-1]
 
     @property

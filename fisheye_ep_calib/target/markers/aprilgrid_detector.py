@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from fisheye_ep_calib.target.boards.aprilgrid import BORDER_CELLS, DICTIONARY
 from fisheye_ep_calib.target.corners.contrast import detect_stretched
 from fisheye_ep_calib.target.corners.guidance import find_guided
 from fisheye_ep_calib.target.corners.measurement import Surroundings
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.markers.aruco import aruco_dictionary
+from fisheye_ep_calib.target.markers.aruco import APRILGRID_BORDER, APRILGRID_DICTIONARY, aruco_dictionary
 from fisheye_ep_calib.target.markers.charuco_detector import finish
 from fisheye_ep_calib.target.markers.detection import find_markers
 from fisheye_ep_calib.target.markers.marker_board import MANY_MARKERS, complete_corners, corners_by_markers
@@ -25,7 +24,7 @@ class AprilGridDetector:
 
     def __init__(self, target) -> None:
         self.target = target
-        self.dictionary = aruco_dictionary(DICTIONARY, "an AprilGrid")
+        self.dictionary = aruco_dictionary(APRILGRID_DICTIONARY, "an AprilGrid")
         self.points = target.object_points[:, :2]
         self.marker_points = self.points[target.tag_points[:, KALIBR_ORDER]]
         # The quadrants (+, +) and (−, −) hold tag and square at a tag's bottom left and top right corners.
@@ -34,7 +33,7 @@ class AprilGridDetector:
         bright = np.where(corner_in_tag % 2 == 0, -1.0, 1.0)
         half = np.full(len(bright), 0.95 * target.tag_gap)
         depth = np.repeat(half[:, None], 2, axis=1)
-        border = BORDER_CELLS / TAG_CELLS * target.tag_size
+        border = APRILGRID_BORDER / TAG_CELLS * target.tag_size
         if border < half[0]:
             depth[np.arange(len(bright)), np.where(bright < 0, 0, 1)] = border
         self.around = Surroundings(half, bright, depth, np.full(len(bright), target.tag_gap))
@@ -47,7 +46,7 @@ class AprilGridDetector:
 
     def _detect(self, image: np.ndarray) -> Detection:
         numbers = self.target.first_tag + np.arange(len(self.marker_points))
-        markers = find_markers(image, self.dictionary, BORDER_CELLS, numbers, "an AprilGrid")
+        markers = find_markers(image, self.dictionary, APRILGRID_BORDER, numbers, "an AprilGrid")
         if len(markers.place) == 0:
             return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)
         size = self.target.tag_size

@@ -14,6 +14,8 @@ MARKERS = {f"DICT_{n}X{n}_{count}": count for n in (4, 5, 6, 7) for count in (50
     "DICT_APRILTAG_36h11": 587,
     "DICT_ARUCO_MIP_36h12": 250,
 }  # how many each of OpenCV's dictionaries has
+APRILGRID_DICTIONARY = "DICT_APRILTAG_36h11"
+APRILGRID_BORDER = 2  # black cells around a tag of an AprilGrid
 
 
 def require_aruco(what: str):
