@@ -6,7 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import CONVERGED, MOST_ITERATIONS, minimise
+from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import (
+    CAUTIOUS,
+    CONVERGED,
+    MOST_ITERATIONS,
+    minimise,
+)
 from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
 from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, predict
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss
@@ -148,6 +153,7 @@ def adjust(
     max_iterations: int = MOST_ITERATIONS,
     tolerance: float = CONVERGED,
     last_step: bool = True,
+    first_damping: float = CAUTIOUS,
 ) -> Adjustment:
     """Minimise the cost from a state on (levenberg_marquardt.py)."""
     found = minimise(
@@ -157,5 +163,6 @@ def adjust(
         max_iterations,
         tolerance,
         last_step,
+        first_damping,
     )
     return Adjustment(found.state, found.equations, found.iterations, found.converged)

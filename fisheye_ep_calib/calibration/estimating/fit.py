@@ -19,7 +19,7 @@ from fisheye_ep_calib.calibration.estimating.adjustment import (
     residuals,
 )
 from fisheye_ep_calib.calibration.estimating.initialization import initial_guess
-from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import CONVERGED
+from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import CONFIDENT, CONVERGED
 from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss, robust_spread
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
@@ -287,7 +287,8 @@ def adjusted(
 
     A start far from the truth (pixels that are not square, a centre far off) may have set the limit too low.
     """
-    fit = Fit(structure, sightings, problem, adjust(problem, state, tolerance=tolerance))
+    first = adjust(problem, state, tolerance=tolerance, first_damping=CONFIDENT)
+    fit = Fit(structure, sightings, problem, first)
     while problem.theta_limit < np.pi and np.nanmax(fit.residuals[1]) > _AT_THE_LIMIT * problem.theta_limit:
         problem = replace(problem, theta_limit=float(min(np.pi, 1.2 * problem.theta_limit + 0.1)))
         fit = Fit(structure, sightings, problem, adjust(problem, fit.state, tolerance=tolerance))

@@ -12,7 +12,8 @@ from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquat
 
 CONVERGED = 1e-10  # predicted decrease of the cost, as a fraction of it
 MOST_ITERATIONS = 500  # weak data lead along a long curved valley
-_FIRST_DAMPING = 1e-6  # starts are good; more would slow what the data hold weakly, such as a pupil's terms
+CAUTIOUS = 1e-4  # first damping, from a start that may be far off
+CONFIDENT = 1e-6  # from a good one: more would slow what the data hold weakly, such as the terms of a pupil
 _MOST_DAMPING = 1e14
 
 State = TypeVar("State")
@@ -35,6 +36,7 @@ def minimise(
     max_iterations: int = MOST_ITERATIONS,
     tolerance: float = CONVERGED,
     last_step: bool = True,
+    first_damping: float = CAUTIOUS,
 ) -> Minimum[State]:
     """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping; Madsen et al. 2004, algorithm 3.16).
 
@@ -43,7 +45,7 @@ def minimise(
     One below CONVERGED × cost is taken without another evaluation, which could not tell it from rounding.
     """
     equations = evaluate(state)
-    damping, growth = _FIRST_DAMPING, 4.0
+    damping, growth = first_damping, 4.0
     for iteration in range(max_iterations):
         try:
             step = solve_damped(equations, damping)
