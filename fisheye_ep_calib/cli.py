@@ -25,6 +25,7 @@ _INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code: 0 done, 1 could not, 2 wrong usage or input, 130 Ctrl-C."""
+    parsed = None
     try:
         words = sys.argv[1:] if arguments is None else list(arguments)
         if "_ARGCOMPLETE" in os.environ:  # a shell asks, by argcomplete, what may come next
@@ -36,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parsed = parser.parse_args(words)
         return parsed.run(parsed)
     except CalibrationError as error:
-        return _fail(str(error), error.exit_code)
+        return _fail(_in_options(str(error), parsed), error.exit_code)
     except KeyboardInterrupt:
         return _fail("interrupted", _INTERRUPTED)
     except BrokenPipeError:
@@ -56,11 +57,10 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, _end_at_once)
     try:
-        import logging
-
+        from fisheye_ep_calib.commands.messages import show_messages
         from fisheye_ep_calib.commands.parser import build_parser
 
-        logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
+        show_messages()
         return build_parser(PROGRAM, words)
     finally:
         if in_charge:
@@ -86,6 +86,13 @@ def _end_at_once(_signal, _frame) -> None:
     """While modules are imported: they would swallow an exception, or make another one of it."""
     os.write(2, f"{PROGRAM}: error: interrupted\n".encode())
     os._exit(_INTERRUPTED)
+
+
+def _in_options(message: str, arguments: argparse.Namespace | None) -> str:
+    """Errors name the parameters of functions; here they are options."""
+    from fisheye_ep_calib.commands.messages import with_options
+
+    return with_options(message, arguments)
 
 
 def _fail(message: str, code: int) -> int:

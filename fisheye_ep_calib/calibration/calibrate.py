@@ -59,7 +59,7 @@ class Options:
             if value not in known:
                 raise InputError(f"unknown {name} {value!r}; known: {', '.join(known)}")
         if not self.svp_distance > 0:
-            raise InputError(f"the distance of --svp-distance must be positive, not {self.svp_distance:g} m")
+            raise InputError(f"`svp_distance` must be positive, not {self.svp_distance:g} m")
 
 
 def calibrate(observations: Observations, model: str = AUTO, **options) -> CalibrationResult:
@@ -106,7 +106,7 @@ def rough_camera(observations: Observations, model: str = AUTO, **options) -> Ro
     Takes the arguments of ``calibrate``. The camera is the named model, or for "auto" one with an even pupil; wrong
     sightings are left out. Raises CalibrationError, InputError.
     """
-    settings = Options(**options)
+    settings = Options.of(**options)
     screened = _screened_fit(observations, settings, base_structure(settings, model))
     fit = screened.fit
     _refuse_unexplained(fit)
@@ -174,7 +174,7 @@ def _open_questions(settings: Options, planar: bool) -> Search:
 
 def _refuse_warp_of_solid(sightings: Sightings, base: Structure) -> None:
     if base.board_warp and not sightings.features.board.planar:
-        raise CalibrationError("a board warp needs a flat target; this one has depth: leave --board-warp away")
+        raise CalibrationError("a board warp needs a flat target; this one has depth: leave `board_warp` away")
 
 
 def _refuse_alike_views(sightings: Sightings) -> None:

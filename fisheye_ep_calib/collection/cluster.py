@@ -176,18 +176,18 @@ def _client_of(address: str) -> Any:
     try:
         from distributed import Client
     except ModuleNotFoundError as error:
-        raise InputError(f"--scheduler needs the Python package {error.name}: pip install '{PACKAGE}'") from None
+        raise InputError(f"`scheduler` needs the Python package {error.name}: pip install '{PACKAGE}'") from None
     # Its own words on workers that come and go are not for the user of a command.
     for name in ("distributed", "distributed.client", "distributed.scheduler", "distributed.core", "distributed.utils"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if not _ADDRESS.match(address):  # a client that fails over it would linger
-        raise InputError(f"--scheduler {address!r} is no address such as tcp://HOST:PORT")
+        raise InputError(f"`scheduler` {address!r} is no address such as tcp://HOST:PORT")
     try:
         return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
             f"no Dask scheduler answers at {address} ({first_line(error)}); "
-            "start one with 'dask scheduler', or leave out --scheduler"
+            "start one with 'dask scheduler', or leave out `scheduler`"
         ) from None
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
 from fisheye_ep_calib.collection.pool import frame_pool
-from fisheye_ep_calib.collection.progress import progress_bar
+from fisheye_ep_calib.collection.progress import OnProgress, Progress, unheard
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, sizes_differ, usual_size, without_strays
 from fisheye_ep_calib.collection.workers import Job
 from fisheye_ep_calib.errors import InputError
@@ -37,6 +37,7 @@ class Collector:
     workers: processes; 0 looks in the calling process. scheduler: address of a Dask cluster that looks instead.
     strict: an image that cannot be read is an error.
     log: a file that holds what was found so far, removed by ``forget``; resume: go on from it.
+    on_progress: is told of every image; an exception from it ends the looking.
     """
 
     def __init__(
@@ -49,8 +50,10 @@ class Collector:
         log: str | PathLike | None = None,
         resume: bool = False,
         scheduler: str | None = None,
+        on_progress: OnProgress = unheard,
     ) -> None:
         self._recording = recording
+        self._on_progress = on_progress
         self._target = target
         self._strict = strict
         self._log_path = None if log is None else Path(log)
@@ -95,11 +98,8 @@ class Collector:
         def next_jobs(topic: str) -> list[Job]:
             return [Job(topic, index) for index in self._next_look(seen[topic], counts[topic], choice)]
 
-        with self._progress("looking for the target", expected) as progress:
-            jobs = {topic: [Job(topic, index) for index in first[topic]] for topic in topics}
-            interrupted = self._look(jobs, seen, progress, next_jobs, self._log)
-            if not interrupted:
-                progress.total = progress.n  # the rest of what was expected promised nothing new
+        jobs = {topic: [Job(topic, index) for index in first[topic]] for topic in topics}
+        interrupted = self._look("looking for the target", expected, jobs, seen, next_jobs, self._log)
         runs = {}
         for topic in topics:
             frames = without_strays(_in_order(seen[topic]))
@@ -121,8 +121,7 @@ class Collector:
             for guide in guides
         }
         found: dict[str, dict[int, FrameResult]] = {guide.run.topic: {} for guide in guides}
-        with self._progress("looking again", sum(map(len, jobs.values()))) as progress:
-            interrupted = self._look(jobs, found, progress)
+        interrupted = self._look("looking again", sum(map(len, jobs.values())), jobs, found)
         refined = {}
         for guide in guides:
             again = {index: frame for index, frame in found[guide.run.topic].items() if frame.found}
@@ -134,29 +133,35 @@ class Collector:
 
     def _look(
         self,
+        step: str,
+        expected: int,
         jobs: Mapping[str, Sequence[Job]],
         seen: dict[str, dict[int, FrameResult]],
-        progress,
         next_jobs: Callable[[str], Sequence[Job]] = lambda topic: (),
         log: DetectionLog | None = None,
     ) -> bool:
         """Fill in ``seen``, topic by topic in rounds; while one is planned the others' go on. True if interrupted.
 
+        expected: how many images the step may come to look at.
         next_jobs: a topic's next round, once it has been seen whole; none where it is done.
         """
         left = {topic: len(round_of) for topic, round_of in jobs.items()}
+        looked = views = 0
         try:
+            self._on_progress(Progress(step, 0, expected, 0))
             known = deque(result for round_of in jobs.values() for result in self._begin(round_of, log))
             while (result := known.popleft() if known else self._workers.next_result()) is not None:
                 topic = result.topic
                 self._note(result, seen[topic], log)
-                progress.update()
-                progress.set_postfix(found=sum(frame.found for run in seen.values() for frame in run.values()))
+                looked, views = looked + 1, views + result.found
+                if looked < expected:
+                    self._on_progress(Progress(step, looked, expected, views))
                 left[topic] -= 1
                 if left[topic] == 0:
                     following = next_jobs(topic) if sizes_differ(_in_order(seen[topic])) is None else ()
                     left[topic] = len(following)
                     known.extend(self._begin(following, log))
+            self._on_progress(Progress(step, looked, looked, views))  # what else was expected promised nothing new
         except KeyboardInterrupt:
             self._workers.close()
             return True
@@ -187,9 +192,6 @@ class Collector:
             for index, frame in seen.items()
         }
         return next_look(found, self._target, size, count, choice)
-
-    def _progress(self, what: str, total: int):
-        return progress_bar(what=what, total=total)
 
 
 def _in_order(frames: Mapping[int, FrameResult]) -> tuple[FrameResult, ...]:

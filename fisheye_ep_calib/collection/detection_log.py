@@ -61,7 +61,7 @@ class DetectionLog:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             self._file.close()
-            raise InputError(f"{self.path} is in use by another run; give this one another --output") from None
+            raise InputError(f"{self.path} is in use by another run; give this one another `output`") from None
         except OSError:
             pass  # a file system without locks
 
@@ -90,10 +90,10 @@ class DetectionLog:
             same = head["format"] == FORMAT and head["key"] == key
         except (ValueError, KeyError, TypeError):
             self._file.close()
-            raise InputError(f"{self.path} is damaged; run without --resume") from None
+            raise InputError(f"{self.path} is damaged; run without `resume`") from None
         if not same:
             self._file.close()
-            raise InputError(f"{self.path} is of another recording or target; run without --resume")
+            raise InputError(f"{self.path} is of another recording or target; run without `resume`")
 
     def add(self, result: FrameResult) -> None:
         """Remember an image; on disk when this returns, short of a power cut."""

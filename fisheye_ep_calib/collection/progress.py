@@ -1,10 +1,82 @@
-"""Progress on stderr, by tqdm where it is installed; without it there is none."""
+"""How far a work of some length is, told to whoever asked: in a line each, or as a bar on stderr."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
+
+_SELDOM = 1.0  # seconds between two lines of the same step
+
+
+@dataclass(frozen=True)
+class Progress:
+    """step: what is being done. done of total images; total 0 where the step has no parts. found: with the target."""
+
+    step: str
+    done: int = 0
+    total: int = 0
+    found: int | None = None
+
+    def __str__(self) -> str:
+        if not self.total:
+            return self.step
+        found = "" if self.found is None else f", the target in {self.found}"
+        return f"{self.step}: {self.done} of {self.total} images{found}"
+
+
+OnProgress = Callable[[Progress], object]  # an exception from it ends the work and reaches the caller
+
+
+def unheard(_: Progress) -> None:
+    """For whoever does not want to know."""
+
+
+def seldom(on_progress: OnProgress) -> OnProgress:
+    """The begin and end of each step, and in between at most a call a second: fit to be printed."""
+    last = Progress("")
+    told = -_SELDOM
+
+    def tell(now: Progress) -> None:
+        nonlocal last, told
+        news = now.step != last.step or now.done == now.total
+        if now == last or not (news or time.monotonic() - told >= _SELDOM):
+            return
+        last, told = now, time.monotonic()
+        on_progress(now)
+
+    return tell
+
+
+class ProgressBars:
+    """Draws what it is called with as a bar a step, where stderr is a terminal; left, it ends the last bar."""
+
+    def __init__(self) -> None:
+        self._step = ""
+        self._bar: Any = None
+
+    def __enter__(self) -> ProgressBars:
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+    def __call__(self, now: Progress) -> None:
+        if not now.total:
+            return
+        if self._bar is None or now.step != self._step:
+            self.__exit__()
+            self._step, self._bar = now.step, progress_bar(what=now.step, total=now.total)
+        self._bar.total = now.total
+        if now.found is not None:
+            self._bar.set_postfix(found=now.found, refresh=False)
+        self._bar.update(now.done - self._bar.n)
+        if now.done >= now.total:
+            self.__exit__()
 
 
 class _Silent:
@@ -30,9 +102,12 @@ class _Silent:
     def set_postfix(self, **_) -> None:
         pass
 
+    def close(self) -> None:
+        pass
+
 
 def progress_bar(iterable: Iterable | None = None, what: str = "", *, total=None) -> Any:
-    """A tqdm bar with rate and time left, shown where stderr is a terminal."""
+    """A tqdm bar with rate and time left, shown where stderr is a terminal; without tqdm there is none."""
     try:
         from tqdm import tqdm
     except ModuleNotFoundError:

@@ -5,20 +5,22 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from fisheye_ep_calib.calibration import CalibrationResult, Observations, Options, calibrate
-from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM, base_structure
+from fisheye_ep_calib.calibration import CalibrationResult, Observations
+from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM
 from fisheye_ep_calib.calibration.structure import LENS
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
-from fisheye_ep_calib.collection.collector import Guide
+from fisheye_ep_calib.commands.messages import with_options
 from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing, refuse_unwritable
-from fisheye_ep_calib.commands.resuming import add_resume_argument, log_of
-from fisheye_ep_calib.commands.sources import CameraSource, add_source_arguments, camera_sources
+from fisheye_ep_calib.commands.sources import add_resume_argument, add_source_arguments, cameras_given
 from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
-from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.pipeline import CalibratedCamera, CameraSource, calibrate_cameras
+from fisheye_ep_calib.pipeline.calibrating import FIT_OPTIONS, PASSES, check_fit, none_calibrated
+from fisheye_ep_calib.pipeline.found_so_far import log_of
+from fisheye_ep_calib.pipeline.looking import LookAgain
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
@@ -62,7 +64,7 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument(
-        "--passes", type=int, choices=(1, 2), default=2, help="2 looks again where the first fit expects the target"
+        "--passes", type=int, choices=PASSES, default=2, help="2 looks again where the first fit expects the target"
     )
     structure = parser.add_argument_group("what is estimated", "With --model auto the data decide what you leave open.")
     structure.add_argument("--terms", type=int, metavar="N", help="terms of the entrance pupil's series")
@@ -95,7 +97,7 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
 
 def check_fit_arguments(arguments: argparse.Namespace) -> None:
     """Raises InputError before anything is looked at."""
-    base_structure(Options.of(**_options(arguments)), arguments.model)
+    check_fit(arguments.model, arguments.passes, _options(arguments))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -105,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
     log = log_of(output, arguments.resume)
     earlier = _earlier_results(output)
     texts: list[str] = []
-    with camera_sources(arguments, log, lambda names: _refuse_taken(output, names, arguments)) as (cameras, look_again):
+    with cameras_given(arguments, log, lambda names: _refuse_taken(output, names, arguments)) as (cameras, look_again):
         with results_folder(output) as folder:
             reports, failures = _calibrate_all(cameras, look_again, arguments, folder, output, texts)
             written = {path.relative_to(folder) for path in folder.rglob("*")}
@@ -128,7 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _calibrate_all(
     cameras: list[CameraSource],
-    look_again,
+    look_again: LookAgain | None,
     arguments: argparse.Namespace,
     folder: Path,
     output: Path,
@@ -139,25 +141,24 @@ def _calibrate_all(
     texts: is given what to tell the user of each camera. Raises CalibrationError where no camera could be calibrated.
     """
     reports, failures = {}, []
+    options = _options(arguments)
     with CalibrationReports(folder, cameras, arguments) as collected:
-        for camera in cameras:
-            try:
-                camera, result, seconds = _calibrate(camera, look_again, arguments)
-                name = _save(folder, camera, result)
-                reports[camera.name] = calibration_json(camera, result, seconds, name and output / name)
-                collected.add(camera, result, reports[camera.name])
-                texts.append(calibration_text(camera, result))
-                if not result.converged:
-                    raise CalibrationError(f"the fit did not converge; its best state is in {output / (name or '')}")
-            except Interrupted:
-                raise
-            except CalibrationError as error:
-                failures.append(error)
-                collected.add_failure(camera.name, str(error))
-                if len(cameras) > 1:
-                    print(f"{camera.name}: error: {error}", file=sys.stderr)
+        for camera, end in calibrate_cameras(cameras, look_again, arguments.model, arguments.passes, options=options):
+            if isinstance(end, CalibratedCamera):
+                name = _save(folder, camera, end)
+                reports[camera.name] = calibration_json(camera, end, end.seconds, name and output / name)
+                collected.add(camera, end, reports[camera.name])
+                texts.append(calibration_text(camera, end))
+                if end.converged:
+                    continue
+                end = CalibrationError(f"the fit did not converge; its best state is in {output / (name or '')}")
+            failures.append(end)
+            reason = with_options(str(end), arguments)
+            collected.add_failure(camera.name, reason)
+            if len(cameras) > 1:
+                print(f"{camera.name}: error: {reason}", file=sys.stderr)
         if not reports:
-            raise _all_failed(failures)
+            raise none_calibrated(failures)
         for camera in cameras:
             if camera.name not in reports and camera.run is not None and isinstance(camera.found, Observations):
                 _save_observations(folder, camera)
@@ -165,32 +166,8 @@ def _calibrate_all(
     return reports, failures
 
 
-def _all_failed(failures: list[CalibrationError]) -> CalibrationError:
-    if len(failures) == 1:
-        return failures[0]
-    error = CalibrationError(f"none of the {len(failures)} cameras could be calibrated")
-    error.exit_code = max(one.exit_code for one in failures)
-    return error
-
-
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
-    names = [field.name for field in fields(Options) if field.name != "extras"]
-    return {name: getattr(arguments, name) for name in (*names, *LENS_EXTRAS)}
-
-
-def _calibrate(camera: CameraSource, look_again, arguments: argparse.Namespace):
-    """The camera's source after its last pass, its result, and the seconds of every step."""
-    options = _options(arguments)
-    result = calibrate(camera.observations, arguments.model, **options)
-    seconds = {**camera.seconds, **result.seconds}
-    if arguments.passes == 1 or look_again is None:
-        return camera, result, seconds
-    poses = dict(zip(result.view_images.tolist(), result.camera_from_target, strict=True))
-    again = look_again([Guide(camera.run, result.camera, poses)])[camera.name]
-    result = calibrate(again.observations, arguments.model, **options)
-    for step, value in {**again.seconds, **result.seconds}.items():
-        seconds[step] = seconds.get(step, 0.0) + value
-    return again, result, seconds
+    return {name: getattr(arguments, name) for name in FIT_OPTIONS}
 
 
 def _free_folder(given: Path | None) -> Path:

@@ -10,12 +10,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fisheye_ep_calib.collection import DetectionRun
 from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.commands.reporting import refuse_existing
-from fisheye_ep_calib.commands.resuming import add_resume_argument, log_of, refuse_interrupted
-from fisheye_ep_calib.commands.sources import Looking, add_source_arguments, from_run, image_stem, looking
+from fisheye_ep_calib.commands.sources import add_resume_argument, add_source_arguments, look_given
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.pipeline import CameraSource, Looking, looking
+from fisheye_ep_calib.pipeline.found_so_far import log_of
+from fisheye_ep_calib.pipeline.names import image_stem
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.results_folder import results_folder
@@ -43,12 +44,11 @@ def run(arguments: argparse.Namespace) -> int:
     if any(Path(source).suffix == ".npz" for source in arguments.source):
         raise InputError("detect needs images; an observation file holds what was found already")
     output, log = arguments.output, log_of(arguments.output, arguments.resume)
-    with looking(arguments, log) as place:
+    with look_given(arguments, log) as look, looking(arguments.source, arguments.target, look) as place:
         refuse_existing(_results(output, list(place.topics), arguments.overlay), arguments.overwrite)
-        runs = place.collector.collect(tuple(place.topics.values()), place.choice)
-        refuse_interrupted(runs)
+        cameras = place.first_look()
         with results_folder(output) as folder:
-            ended = {name: _write(place, name, runs[topic], arguments, folder) for name, topic in place.topics.items()}
+            ended = {camera.name: _write(place, camera, arguments, folder) for camera in cameras}
     failures = [end for end in ended.values() if isinstance(end, CalibrationError)]
     if len(ended) == len(failures) == 1:
         raise failures[0]
@@ -65,11 +65,10 @@ def _results(output: Path, names: Sequence[str], overlay: bool) -> list[Path]:
     return [*(output / f"{name}.npz" for name in names), *overlays]
 
 
-def _write(
-    place: Looking, name: str, run: DetectionRun, arguments: argparse.Namespace, folder: Path
-) -> str | CalibrationError:
+def _write(place: Looking, camera: CameraSource, arguments: argparse.Namespace, folder: Path) -> str | CalibrationError:
     """One camera's results; returns what to say of them, or why there are no observations."""
-    camera = from_run(name, run, place.target, ", ".join(map(str, arguments.source)))
+    name, run = camera.name, camera.run
+    assert run is not None  # it was looked at
     for view, reason in camera.unused_views.items():
         print(f"{name}: {view}: {reason}")
     if arguments.overlay:

@@ -9,7 +9,7 @@ from pathlib import Path
 from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation, evaluate_camera
 from fisheye_ep_calib.calibration.calibrate import DISC_CENTERS
 from fisheye_ep_calib.commands.reporting import refuse_unusable_report, write_evaluation_report
-from fisheye_ep_calib.commands.sources import add_source_arguments, camera_sources
+from fisheye_ep_calib.commands.sources import add_source_arguments, cameras_given
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     refuse_unusable_report(arguments)
     file = read_camera_file(arguments.camera)
-    with camera_sources(arguments, before_looking=_refuse_several) as (cameras, _):
+    with cameras_given(arguments, before_looking=_refuse_several) as (cameras, _):
         observations = cameras[0].observations
         warp = file.board_warp if arguments.board_warp else None
         found = evaluate_camera(file.camera, observations, warp, arguments.disc_centers)

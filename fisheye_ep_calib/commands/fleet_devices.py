@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fisheye_ep_calib.commands.sources import numbered_alike, safe_name
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.pipeline.names import numbered_alike, safe_name
 from fisheye_ep_calib.storage.sources.find import bag_suffix
 from fisheye_ep_calib.storage.sources.image_files import is_image_file, natural_order
 

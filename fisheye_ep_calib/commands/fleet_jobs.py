@@ -109,13 +109,15 @@ def _calibrate(job: DeviceJob, connection: Connection) -> None:
 
 def _outcome(job: DeviceJob) -> tuple[int, str]:
     from fisheye_ep_calib.commands.calibrate import run
+    from fisheye_ep_calib.commands.messages import show_messages, with_options
 
     prepare_worker()
+    show_messages()
     try:
         code = run(job.arguments)
         return code, "" if code == 0 else f"not all of its cameras could be calibrated; see {job.log}"
     except CalibrationError as error:
-        return error.exit_code, str(error)
+        return error.exit_code, with_options(str(error), job.arguments)
     except KeyboardInterrupt:
         return 130, "interrupted"
     except Exception as error:  # a defect: its traceback is in the log, and the other devices go on

@@ -15,8 +15,8 @@ import yaml
 from fisheye_ep_calib.camera.camera_info import camera_info_content
 from fisheye_ep_calib.collection.progress import progress_bar
 from fisheye_ep_calib.commands.reporting import refuse_existing
-from fisheye_ep_calib.commands.sources import image_stem, numbered_alike
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.pipeline.names import image_stem, numbered_alike
 from fisheye_ep_calib.rectification import (
     INTERPOLATIONS,
     PROJECTIONS,

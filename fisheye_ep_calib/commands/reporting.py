@@ -10,9 +10,9 @@ from pathlib import Path
 
 from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation
-from fisheye_ep_calib.commands.sources import CameraSource
 from fisheye_ep_calib.commands.summary import verdict
 from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
+from fisheye_ep_calib.pipeline import CameraSource
 from fisheye_ep_calib.report.data import CameraReport
 from fisheye_ep_calib.report.pictures import BUDGET
 from fisheye_ep_calib.report.record import now, per_view, versions, write_record
@@ -68,7 +68,7 @@ class CalibrationReports:
         """content: what ``--json`` says of the camera. Its images are read now, while they are open."""
         from fisheye_ep_calib.report.from_calibration import calibration_report, calibration_views
 
-        inputs = _inputs(camera, self._arguments)
+        inputs = camera.inputs()
         views = calibration_views(camera.observations, result)
         self._records[camera.name] = {**content, "inputs": inputs, "per_view": per_view(views)}
         if self._arguments.no_report:
@@ -109,7 +109,7 @@ def write_evaluation_report(
 
     inputs = {
         "camera file": str(arguments.camera),
-        **_words(_inputs(camera, arguments)),
+        **_words(camera.inputs()),
         "target's bow": "as in the camera file" if arguments.board_warp else "taken as flat",
         **{f"calibration: {key}": str(value) for key, value in file.calibration.items()},
         "written": now(),
@@ -119,21 +119,6 @@ def write_evaluation_report(
     page = evaluation_report(file.name, file, camera.observations, found, inputs=inputs, image=camera.image, flat=flat)
     write_report(arguments.report, [page], f"{file.name} measured on {camera.source}")
     print(f"wrote {arguments.report}", file=sys.stderr if arguments.json else sys.stdout)
-
-
-def _inputs(camera: CameraSource, arguments: argparse.Namespace) -> dict:
-    """Where a camera's observations came from."""
-    inputs: dict = {"source": camera.source, "image_size": list(camera.observations.image_size)}
-    if arguments.target is not None:
-        inputs["target"] = str(arguments.target)
-    if camera.run is not None:
-        inputs["topic"] = camera.run.topic
-        inputs["images_available"] = camera.run.available
-        inputs["images_looked_at"] = len(camera.run.frames)
-        inputs["images_unreadable"] = camera.run.bad_frames
-    inputs["images_with_target"] = camera.observations.view_count
-    inputs["points_found"] = len(camera.observations.pixels)
-    return inputs
 
 
 def _words(inputs: dict) -> dict[str, str]:

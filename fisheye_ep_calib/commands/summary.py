@@ -8,7 +8,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.camera.bands import pupil_sigma
-from fisheye_ep_calib.commands.sources import CameraSource
+from fisheye_ep_calib.pipeline import CameraSource
 
 _MOST_LISTED = 8
 
@@ -89,7 +89,7 @@ def verdict(result: CalibrationResult) -> str:
             "edge of the image, at several distances, if you need one"
         )
     if result.model == "kannala":
-        return "the data support an entrance pupil, which this single-viewpoint model leaves out: try --model auto"
+        return "the data support an entrance pupil, which this single-viewpoint model leaves out: try model auto"
     camera = result.camera
     angle = min(np.deg2rad(60.0), camera.theta_max)
     shift = 1e3 * float(camera.entrance_pupil(angle))

@@ -118,7 +118,7 @@ def _findings(file: CameraFile, residuals: Residuals, found: Evaluation, flat: b
     findings = [_beyond_evidence(file, residuals), *_near_against_far(residuals)]
     bow = 1e3 * float(np.abs(file.board_warp).max())
     if flat and bow > 0:
-        said = f"the target of the calibration is bent by {bow:.2f} mm; if this is the same one, give --board-warp"
+        said = f"the target of the calibration is bent by {bow:.2f} mm; if this is the same one, give `board_warp`"
         findings.append(Finding("the target's bow", {"bow_mm": bow}, True, said))
     if found.failed:
         count = len(found.failed)

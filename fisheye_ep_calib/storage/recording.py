@@ -177,7 +177,7 @@ def choose_topics(recording: Recording, wanted: Sequence[str] = (), several: boo
     if not wanted:
         if len(topics) == 1 or (several and all(topic.type == IMAGE_FILE for topic in topics)):
             return tuple(topic.name for topic in topics)
-        raise InputError(f"the recording has {len(topics)} image topics: {listed}; choose with --topic NAME=TOPIC")
+        raise InputError(f"the recording has {len(topics)} image topics: {listed}; choose with `topics`")
     for name in wanted:
         if name not in {topic.name for topic in topics}:
             kind = recording.topics.get(name)

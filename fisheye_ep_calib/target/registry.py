@@ -18,10 +18,12 @@ from fisheye_ep_calib.yaml_file import read_yaml
 TARGETS: dict[str, type[Target]] = {kind.kind: kind for kind in (CircleGrid, Chessboard, Charuco, AprilGrid)}
 
 
-def load_target(path: str | PathLike) -> Target:
-    """Read a target file (YAML), this project's keys or Kalibr's; a bare name finds a shipped one. Raises InputError in
-    one line.
+def load_target(path: str | PathLike | Target) -> Target:
+    """Read a target file (YAML), this project's keys or Kalibr's; a bare name finds a shipped one. A Target is returned
+    as it is. Raises InputError in one line.
     """
+    if isinstance(path, Target):
+        return path
     path = find_target_file(Path(path).expanduser())
     if not path.exists():
         raise InputError(

@@ -65,7 +65,7 @@ def test_a_log_of_something_else_is_refused(tmp_path):
         type(TARGET)("other", rectangular_grid(4, 3, 2.0, 1.0), None),
         type(TARGET)("other", TARGET.object_points, 0.1),
     ):
-        with pytest.raises(InputError, match="another recording or target; run without --resume"):
+        with pytest.raises(InputError, match="another recording or target; run without `resume`"):
             collect(folder, target=other, log=log, resume=True)
     assert collect(folder, target=type(TARGET)("same", TARGET.object_points, None), log=log, resume=True)
     (folder / "frame3.png").unlink()

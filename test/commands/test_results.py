@@ -17,7 +17,7 @@ from known_scenes import CAMERA
 
 import fisheye_ep_calib
 from fisheye_ep_calib.calibration import Observations, calibrate
-from fisheye_ep_calib.commands.sources import image_stem, numbered_alike, safe_name
+from fisheye_ep_calib.pipeline.names import image_stem, numbered_alike, safe_name
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 
 FAMILIES = {"kannala", "gennery", "ep_odd", "ep_even"}

@@ -14,6 +14,7 @@ from dask_processes import scheduler, workers
 
 from fisheye_ep_calib.collection import workers as looking
 from fisheye_ep_calib.commands import calibrate as calibrate_command
+from fisheye_ep_calib.pipeline import calibrating
 from fisheye_ep_calib.storage.observation_file import load_observations
 
 TOPICS = ("--topic", "front=/left/image_raw", "--topic", "rear=/right/image_raw")
@@ -135,12 +136,12 @@ def test_what_was_found_outlives_a_calibration_that_fails(command, words, looked
 
 
 def test_a_camera_that_fails_beside_others_keeps_its_observations(command, words, monkeypatch, tmp_path):
-    calibrate = calibrate_command.calibrate
+    calibrate = calibrating.calibrate
     assert command(*words, "--output", "whole").code == 0
     pixels = load_observations(tmp_path / "whole" / "observations" / "rear.npz").pixels
     seen = iter([True, False])
     monkeypatch.setattr(
-        calibrate_command,
+        calibrating,
         "calibrate",
         lambda observations, *given, **options: calibrate(
             observations if next(seen) else observations.select_images([0, 1]), *given, **options

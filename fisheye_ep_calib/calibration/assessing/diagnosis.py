@@ -200,7 +200,7 @@ def _near_far(split: NearFarSplit, pupil: bool) -> Finding:
         + (
             "check that the target is flat and record more views, near and far"
             if pupil
-            else "let a pupil be estimated (--model auto), or record only at the distance of use"
+            else "let a pupil be estimated (model auto), or record only at the distance of use"
         ),
     )
 

@@ -40,7 +40,7 @@ def single_viewpoint(camera: FisheyeCamera, distance: float = np.inf) -> StandIn
     if len(points) < _LEAST_POINTS * len(_points_over_image(camera, np.inf)[0]):
         raise CalibrationError(
             f"the camera sees hardly a point at {distance:g} m, nearer than its entrance pupil moves: "
-            "choose a larger --svp-distance"
+            "choose a larger `svp_distance`"
         )
     start = FisheyeCamera(
         camera.image_size,

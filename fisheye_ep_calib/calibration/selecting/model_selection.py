@@ -107,7 +107,7 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
         }
     judged = fitted if search.lens else with_needed_lens(fitted)
     if judged is not fitted:
-        reasons.append(f"the pupil is judged with {FREER_LENS}, which the data support: leave --lens away to have it")
+        reasons.append(f"the pupil is judged with {FREER_LENS}, which the data support: leave the lens open to have it")
     pupils = supported_pupils(judged)
     grown = {}
     if base.terms is None:

@@ -1,14 +1,13 @@
-"""What was found in images outlives a run that was interrupted or failed, and ``--resume`` goes on from there."""
+"""What was found in images outlives a run that was interrupted or failed, and can be resumed from there."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from fisheye_ep_calib.collection import Collector, DetectionRun
+from fisheye_ep_calib.collection import Collector
 from fisheye_ep_calib.errors import CalibrationError, Interrupted
 from fisheye_ep_calib.storage.results_folder import beside
 
@@ -18,24 +17,12 @@ class Log:
     """The file with what was found so far; resume: go on from what an earlier run left there."""
 
     path: Path
-    resume: bool
-
-
-def add_resume_argument(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--resume", action="store_true", help="go on from what an interrupted or failed run to the same DIR has found"
-    )
+    resume: bool = False
 
 
 def log_of(output: Path, resume: bool) -> Log:
     """The log of the run that writes its results to the folder ``output``."""
     return Log(beside(output, "detections.jsonl"), resume)
-
-
-def refuse_interrupted(runs: Mapping[str, DetectionRun]) -> None:
-    """End an interrupted run; what it has found is in the log, where there is one."""
-    if any(run.interrupted for run in runs.values()):
-        raise Interrupted("interrupted")
 
 
 @contextmanager
@@ -46,11 +33,13 @@ def keeping_what_was_found(collector: Collector) -> Iterator[None]:
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted{_kept(collector)}") from None
     except CalibrationError as error:
-        if not isinstance(error, Interrupted) and collector.log is not None and not collector.log.holds_views:
+        if collector.log is None:
+            raise
+        if not isinstance(error, Interrupted) and not collector.log.holds_views:
             collector.forget()
-        said = type(error)(f"{error}{_kept(collector)}")
-        said.exit_code = error.exit_code
-        raise said from None
+        told = type(error)(f"{error}{_kept(collector)}")
+        told.exit_code = error.exit_code
+        raise told from None
     collector.forget()
 
 
@@ -62,4 +51,4 @@ def _kept(collector: Collector) -> str:
         collector.forget()
         return ""
     images = "1 image" if log.images == 1 else f"{log.images} images"
-    return f"; what {images} showed is kept in {log.path}: --resume goes on from there"
+    return f"; what {images} showed is kept in {log.path}: `resume` goes on from there"

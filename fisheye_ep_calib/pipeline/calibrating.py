@@ -1,0 +1,160 @@
+"""From what cameras saw to calibrated cameras: calibrate, look again where the target is expected, calibrate."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from difflib import get_close_matches
+from os import PathLike
+from typing import Any
+
+from fisheye_ep_calib.calibration import Options, calibrate
+from fisheye_ep_calib.calibration.calibrate import AUTO, base_structure, rough_camera
+from fisheye_ep_calib.camera import LENS_EXTRAS
+from fisheye_ep_calib.collection.collector import Guide
+from fisheye_ep_calib.collection.progress import OnProgress, Progress, seldom, unheard
+from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
+from fisheye_ep_calib.pipeline.calibrated_camera import CalibratedCamera
+from fisheye_ep_calib.pipeline.camera_source import CameraSource
+from fisheye_ep_calib.pipeline.looking import Look, LookAgain, Source, camera_sources
+from fisheye_ep_calib.pipeline.names import Topics
+from fisheye_ep_calib.target import Target
+
+_log = logging.getLogger(__name__)
+PASSES = (1, 2)
+FIT_OPTIONS = (*(field.name for field in fields(Options) if field.name != "extras"), *LENS_EXTRAS)
+LOOK_OPTIONS = ("max_views", "every", "strict")
+
+
+class CalibratedCameras(Mapping[str, CalibratedCamera]):
+    """Camera name → its result. failed: name → why there is none, which asking for that camera raises."""
+
+    def __init__(self, results: Mapping[str, CalibratedCamera], failed: Mapping[str, CalibrationError]) -> None:
+        self._results = dict(results)
+        self.failed = dict(failed)
+
+    def __getitem__(self, name: str) -> CalibratedCamera:
+        if name in self.failed:
+            raise self.failed[name]
+        return self._results[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._results)
+
+    def __len__(self) -> int:
+        return len(self._results)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._results
+
+    def __repr__(self) -> str:
+        return "\n".join([*map(repr, self._results.values()), *(f"{name}: {why}" for name, why in self.failed.items())])
+
+
+def calibrate_recording(
+    recording: Source,
+    target: str | PathLike | Target | None = None,
+    *,
+    topics: Topics = None,
+    model: str = AUTO,
+    passes: int = 2,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    on_progress: OnProgress | None = None,
+    **options: Any,
+) -> CalibratedCameras:
+    """The whole way: choose images, find the target, calibrate, look again where it is expected, calibrate, judge.
+
+    recording: a bag, a folder or pattern of images, several of them, or an open Recording; or observation files, which
+    need no target. target: a Target, its file, or the name of a shipped one. topics: camera name → topic, or topics;
+    None for the only one. model: "auto" takes what the data support. passes: 2 looks again. workers: processes that
+    look, one a core where it is None; scheduler: address of a Dask cluster that looks instead. on_progress: is called
+    with a ``Progress``, which prints as a line; an exception from it ends the workers and reaches the caller.
+    options: those of ``calibration.Options.of``, and max_views, every, strict of ``Look``.
+
+    Raises InputError and CalibrationError; where only some of several cameras fail, the result's ``failed`` says why.
+    """
+    refuse_unknown_options(options, (*FIT_OPTIONS, *LOOK_OPTIONS))
+    fit = {name: value for name, value in options.items() if name in FIT_OPTIONS}
+    check_fit(model, passes, fit)
+    told = unheard if on_progress is None else seldom(on_progress)
+    chosen = {name: value for name, value in options.items() if name in LOOK_OPTIONS}
+    look = Look(topics, workers=workers, scheduler=scheduler, on_progress=told, **chosen)
+    results: dict[str, CalibratedCamera] = {}
+    failed: dict[str, CalibrationError] = {}
+    with camera_sources(recording, target, look) as (cameras, look_again):
+        for camera, end in calibrate_cameras(cameras, look_again, model, passes, told, fit):
+            if isinstance(end, CalibratedCamera):
+                results[camera.name] = end
+            else:
+                failed[camera.name] = end
+                if len(cameras) > 1:
+                    _log.warning("%s: %s", camera.name, end)
+        if not results:
+            raise none_calibrated(list(failed.values()))
+    return CalibratedCameras(results, failed)
+
+
+def calibrate_cameras(
+    cameras: list[CameraSource],
+    look_again: LookAgain | None,
+    model: str = AUTO,
+    passes: int = 2,
+    on_progress: OnProgress = unheard,
+    options: Mapping[str, Any] | None = None,
+) -> Iterator[tuple[CameraSource, CalibratedCamera | CalibrationError]]:
+    """Each camera's last source and its result, or why there is none. options: the fields of ``Options``."""
+    for camera in cameras:
+        try:
+            result = _calibrated(camera, look_again if passes > 1 else None, model, on_progress, options or {})
+            yield result.seen, result
+        except Interrupted:
+            raise
+        except CalibrationError as error:
+            yield camera, error
+
+
+def _calibrated(
+    camera: CameraSource,
+    look_again: LookAgain | None,
+    model: str,
+    on_progress: OnProgress,
+    options: Mapping[str, Any],
+) -> CalibratedCamera:
+    if look_again is None or camera.run is None:
+        on_progress(Progress(f"{camera.name}: calibrating"))
+        return CalibratedCamera.of(calibrate(camera.observations, model, **options), camera)
+    on_progress(Progress(f"{camera.name}: a rough camera for the second look"))
+    rough = rough_camera(camera.observations, model, **options)
+    poses = dict(zip(rough.view_images.tolist(), rough.camera_from_target, strict=True))
+    again = look_again([Guide(camera.run, rough.camera, poses)])[camera.name]
+    on_progress(Progress(f"{camera.name}: calibrating"))
+    first = (camera.seconds, rough.seconds)
+    return CalibratedCamera.of(calibrate(again.observations, model, **options), again, first)
+
+
+def check_fit(model: str, passes: int, options: Mapping[str, Any]) -> None:
+    """Raises InputError before anything is looked at."""
+    if passes not in PASSES:
+        raise InputError(f"`passes` must be 1 or 2, not {passes}")
+    refuse_unknown_options(options, FIT_OPTIONS)
+    base_structure(Options.of(**options), model)
+
+
+def refuse_unknown_options(options: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    """Raises InputError that lists the known options and names the one that was probably meant."""
+    for name in options:
+        if name not in known:
+            meant = get_close_matches(name, known, 1)
+            hint = f"did you mean {meant[0]}? " if meant else ""
+            raise InputError(f"unknown option {name!r}; {hint}known: {', '.join(sorted(known))}")
+
+
+def none_calibrated(failures: list[CalibrationError]) -> CalibrationError:
+    """What to raise where no camera could be calibrated."""
+    if len(failures) == 1:
+        return failures[0]
+    error = CalibrationError(f"none of the {len(failures)} cameras could be calibrated")
+    error.exit_code = max(one.exit_code for one in failures)
+    return error

@@ -1,0 +1,115 @@
+"""What one camera saw, and where that came from."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.collection import DetectionRun
+from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.pipeline.names import safe_name
+from fisheye_ep_calib.storage.observation_file import load_observations
+from fisheye_ep_calib.storage.recording import Recording
+from fisheye_ep_calib.target import Target
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class CameraSource:
+    """One camera's observations and where they came from.
+
+    found: the observations, or why there are none. seconds: spent in "read" and "detect". unused_views: image name →
+    why it is no view. run: None for an observation file. target: its file or name, where it is known.
+    image: reads the image of that number, grey (h, w), as long as its file is there.
+    """
+
+    name: str
+    found: Observations | CalibrationError
+    source: str = ""
+    seconds: dict[str, float] = field(default_factory=lambda: {"read": 0.0, "detect": 0.0})
+    unused_views: dict[str, str] = field(default_factory=dict)
+    run: DetectionRun | None = None
+    target: str = ""
+    image: Callable[[int], np.ndarray] | None = None
+
+    @property
+    def observations(self) -> Observations:
+        """Raises CalibrationError where the target was not found."""
+        if isinstance(self.found, CalibrationError):
+            raise self.found
+        return self.found
+
+    def inputs(self) -> dict:
+        """Where the observations came from, as calibration.json has it."""
+        inputs: dict = {"source": self.source, "image_size": list(self.observations.image_size)}
+        if self.target:
+            inputs["target"] = self.target
+        if self.run is not None:
+            inputs["topic"] = self.run.topic
+            inputs["images_available"] = self.run.available
+            inputs["images_looked_at"] = len(self.run.frames)
+            inputs["images_unreadable"] = self.run.bad_frames
+        inputs["images_with_target"] = self.observations.view_count
+        inputs["points_found"] = len(self.observations.pixels)
+        return inputs
+
+
+def source_of_run(
+    name: str,
+    run: DetectionRun,
+    target: Target,
+    recording: Recording,
+    source: str,
+    target_name: str,
+    opened: float = 0.0,
+) -> CameraSource:
+    """One camera's source from what was seen by it. opened: seconds that it took to open the recording."""
+    _log.info("%s", run.summary())
+    found: Observations | CalibrationError
+    try:
+        found = run.observations(target.object_points, target.disc_radius)
+    except CalibrationError as error:
+        found = error
+
+    def image(number: int) -> np.ndarray:
+        return recording.frame(run.topic, run.views[number].index).image()
+
+    seconds = {"read": opened + run.read_seconds, "detect": run.detect_seconds}
+    return CameraSource(name, found, source, seconds, run.unused, run, target_name, image)
+
+
+def sources_of_files(paths: list[Path], split: str | None = None) -> list[CameraSource]:
+    """A camera an observation file, named after it. split: only the images with this mark. Raises InputError."""
+    return _differently_named([_source_of_file(path, split) for path in paths])
+
+
+def _source_of_file(path: Path, split: str | None) -> CameraSource:
+    began = time.perf_counter()
+    observations = load_observations(path)
+    if split is not None:
+        if observations.split is None:
+            raise InputError(f"{path} marks no image as {split}: it has no split")
+        observations = observations.select_images(np.flatnonzero(observations.split == split))
+        if len(observations.pixels) == 0:
+            raise InputError(f"{path} marks no image as {split}")
+    read = {"read": time.perf_counter() - began, "detect": 0.0}
+    return CameraSource(safe_name(path.stem), observations, str(path), read)
+
+
+def _differently_named(cameras: list[CameraSource]) -> list[CameraSource]:
+    """Results are named after the files: two of one name would overwrite each other."""
+    first: dict[str, str] = {}
+    for camera in cameras:
+        if camera.name.lower() in first:
+            raise InputError(
+                f"{first[camera.name.lower()]} and {camera.source} would both be called {camera.name}: rename one"
+            )
+        first[camera.name.lower()] = camera.source
+    return cameras
