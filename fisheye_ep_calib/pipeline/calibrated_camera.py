@@ -9,7 +9,7 @@ from fisheye_ep_calib.calibration import CalibrationResult, Observations
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, kw_only=True)
 class CalibratedCamera(CalibrationResult):
     """seen: what the camera saw, and where that came from."""
 
