@@ -9,6 +9,8 @@ import signal
 import threading
 from collections.abc import Iterator
 from multiprocessing import resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any
 
 _ENVIRONMENT = {
     # Workers share the cores: each keeps to one thread, which also keeps sums in one order.
@@ -19,6 +21,25 @@ _ENVIRONMENT = {
 }
 
 _starting = threading.Lock()
+
+
+class KnownProcesses(SpawnContext):
+    """Spawns processes and knows them: whoever is given it to start workers cannot be asked for them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._started: list[SpawnProcess] = []
+
+    def Process(self, *arguments: Any, **named: Any) -> SpawnProcess:  # type: ignore[override]  # called, never derived
+        process = SpawnProcess(*arguments, **named)
+        self._started.append(process)
+        return process
+
+    def kill(self) -> None:
+        """End all of them at once, whatever they are doing."""
+        for process in self._started:
+            if process.is_alive():
+                process.kill()
 
 
 @contextlib.contextmanager

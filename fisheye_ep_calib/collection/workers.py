@@ -6,7 +6,6 @@ Only an image's number goes to a worker and only what was found comes back: memo
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import pickle
 import tempfile
 import time
@@ -25,7 +24,7 @@ from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.detection import Detection, Detector
-from fisheye_ep_calib.worker_processes import deaf_to_interrupts, inherited_by_workers, prepare_worker
+from fisheye_ep_calib.worker_processes import KnownProcesses, deaf_to_interrupts, inherited_by_workers, prepare_worker
 
 QUEUED_A_WORKER = 6  # images, so that workers go on while the next round is planned
 
@@ -52,6 +51,7 @@ class FrameWorkers:
         self._detector = target.detector()
         self._workers = workers
         self._pool: ProcessPoolExecutor | None = None
+        self._processes = KnownProcesses()
         self._search: IO[bytes] | None = None
         self._waiting: deque[Job] = deque()
         self._running: dict[Future, Job] = {}
@@ -76,8 +76,7 @@ class FrameWorkers:
         """Forget what waits and what is in hand, and end the workers at once."""
         with deaf_to_interrupts():
             if self._running and self._pool is not None:
-                for process in list((self._pool._processes or {}).values()):
-                    process.kill()
+                self._processes.kill()
             self._waiting.clear()
             self._running.clear()
             self._ready.clear()
@@ -135,9 +134,10 @@ class FrameWorkers:
 
     def _submit(self, job: Job) -> Future:
         if self._pool is None:
+            self._processes = KnownProcesses()
             self._pool = ProcessPoolExecutor(
                 self._workers,
-                mp_context=multiprocessing.get_context("spawn"),
+                mp_context=self._processes,
                 initializer=_initialize,
                 initargs=(self._search_file(),),
             )

@@ -21,9 +21,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rotation import moved_poses
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 
-# glibc gives large blocks back to the system as they are freed, so that every evaluation would fault its pages in anew:
-# half of the time. "Large" is what exceeds the largest block freed so far; this one is never touched.
-np.empty(2**24, dtype=np.uint8)
+_LARGEST_KEPT = 2**24  # bytes
 
 
 @dataclass(frozen=True)
@@ -156,6 +154,9 @@ def adjust(
     first_damping: float = CAUTIOUS,
 ) -> Adjustment:
     """Minimise the cost from a state on (levenberg_marquardt.py)."""
+    # glibc gives large blocks back to the system as they are freed, so that every evaluation would fault its pages in
+    # anew: half of the time. "Large" is what exceeds the largest block freed so far; this one is never touched.
+    np.empty(_LARGEST_KEPT, dtype=np.uint8)
     found = minimise(
         lambda trial: evaluate(problem, trial),
         lambda current, step: stepped(problem, current, step),
