@@ -19,7 +19,8 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 help:
 	@echo "make demo      render two cameras, calibrate them offline and live"
-	@echo "make test      lint, types, tests, colcon build"
+	@echo "make lint      ruff check, ruff format --check, mypy --strict"
+	@echo "make test      lint, tests, colcon build"
 	@echo "make test-all  the same with the slow tests"
 	@echo "make clean     remove the environment and everything built"
 
@@ -37,17 +38,18 @@ $(READY): setup.py setup.cfg package.xml
 demo: $(READY)
 	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/fisheye_ep_calib demo
 
-lint: $(READY)
+lint: types
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 
 types: $(READY)
 	$(BIN)/mypy
 
-test: lint types
+test: lint
 	$(CORE_TESTS) -m "not slow and not live"
 	$(LIVE_TESTS) -m "live and not slow"
 
-test-all: lint types
+test-all: lint
 	$(CORE_TESTS) -m "not live"
 	$(LIVE_TESTS) -m "live"
 

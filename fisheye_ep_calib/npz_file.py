@@ -19,7 +19,7 @@ _MOST_BYTES = 2**29
 
 
 def read_npz(
-    path: str | PathLike, required: Sequence[str], optional: Sequence[str], kind: str
+    path: str | PathLike[str], required: Sequence[str], optional: Sequence[str], kind: str
 ) -> dict[str, np.ndarray]:
     """The known keys of the file; nothing larger than its declared size is read.
 

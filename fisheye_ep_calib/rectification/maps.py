@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import BoolArray
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rectification.projections import PROJECTIONS
@@ -96,12 +97,13 @@ class DepthMaps:
         seen = np.isfinite(x) & self._in_field(x, y)
         return Maps(np.where(seen, x, UNSEEN), np.where(seen, y, UNSEEN))
 
-    def _in_field(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _in_field(self, x: np.ndarray, y: np.ndarray) -> BoolArray:
         """Whether pixels lie within the image of theta_limit; its edge is taken to be an ellipse."""
         camera = self._camera
         edge = float(camera.radius(camera.theta_limit))
         across, down = (np.float32(edge * focal) for focal in (camera.fx, camera.fy))
-        return ((x - np.float32(camera.cx)) / across) ** 2 + ((y - np.float32(camera.cy)) / down) ** 2 <= 1
+        result: BoolArray = ((x - np.float32(camera.cx)) / across) ** 2 + ((y - np.float32(camera.cy)) / down) ** 2 <= 1
+        return result
 
 
 def _central(camera: FisheyeCamera) -> FisheyeCamera:

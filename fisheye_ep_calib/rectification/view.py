@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, pinhole_camera_info, uncalibrated_camera_info
 from fisheye_ep_calib.errors import InputError
@@ -43,12 +44,13 @@ class View:
         return (self.size[0] - 1) / 2, (self.size[1] - 1) / 2
 
     @property
-    def camera_from_view(self) -> np.ndarray:
+    def camera_from_view(self) -> FloatArray:
         """Rotation (3, 3): R_y(yaw) R_x(pitch)."""
         sine, cosine = np.sin(self.yaw), np.cos(self.yaw)
         turn = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
         sine, cosine = np.sin(self.pitch), np.cos(self.pitch)
-        return turn @ np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+        result: FloatArray = turn @ np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+        return result
 
     def points(self, rows: slice = slice(None)) -> np.ndarray:
         """The points (rows, width, 3) in the view's frame at depth 1, one a pixel; NaN where nothing is seen."""

@@ -6,11 +6,15 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from fisheye_ep_calib.errors import CalibrationError, InputError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 # Reliable, volatile, keep the last ten: what image publishers of a calibration should offer.
 _QOS_PROFILE = """- history: keep_last
@@ -39,7 +43,7 @@ class StampedImage:
     compression: str = ""
 
 
-def write_bag(path: str | os.PathLike, images: Iterable[StampedImage]) -> int:
+def write_bag(path: str | os.PathLike[str], images: Iterable[StampedImage]) -> int:
     """Write images, in the order given, to an ``.mcap`` file; returns their number.
 
     The file appears under its name only when it is complete. Memory holds one image at a time.
@@ -62,7 +66,7 @@ def write_bag(path: str | os.PathLike, images: Iterable[StampedImage]) -> int:
     return count
 
 
-def _write(file, images: Iterable[StampedImage]) -> int:
+def _write(file: IO[bytes], images: Iterable[StampedImage]) -> int:
     from mcap.writer import CompressionType, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -84,11 +88,11 @@ def _write(file, images: Iterable[StampedImage]) -> int:
             )
         content = bytes(store.serialize_cdr(_message(store, item), type_name))
         writer.add_message(channels[key], item.stamp_ns, content, item.stamp_ns, sequence=count)
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]  # of the mcap package
     return count
 
 
-def _message(store, item: StampedImage):
+def _message(store: Typestore, item: StampedImage) -> Any:
     """The sensor_msgs message of an image."""
     types = store.types
     stamp = types["builtin_interfaces/msg/Time"](*divmod(item.stamp_ns, 1_000_000_000))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.simulation.poses import look_pose
 from fisheye_ep_calib.simulation.rendering import Imaging, render, visible_mask
 from fisheye_ep_calib.simulation.scene_camera import SceneCamera
@@ -95,7 +96,7 @@ def evaluation_set(camera: SceneCamera, target: Target, seed: int = 0) -> tuple[
 
 
 def _view(
-    camera: SceneCamera, target: Target, kind: ViewKind, pose: np.ndarray, imaging: Imaging, rng
+    camera: SceneCamera, target: Target, kind: ViewKind, pose: np.ndarray, imaging: Imaging, rng: np.random.Generator
 ) -> EvaluationView:
     pixels, valid = feature_pixels(camera, target, pose)
     if kind.occluded:
@@ -124,9 +125,10 @@ def _surroundings(
     return camera.project(points_in_camera(pose, points.reshape(-1, 3)).reshape(points.shape))
 
 
-def _occluder(pixels: np.ndarray, rng) -> np.ndarray:
+def _occluder(pixels: FloatArray, rng: np.random.Generator) -> FloatArray:
     """A convex polygon (6, 2) over about a quarter of the board's image, somewhere on it."""
     middle = pixels[rng.integers(len(pixels))]
     radius = 0.3 * np.sqrt(np.prod(np.ptp(pixels, axis=0)))
     angle = np.sort(2 * np.pi * (np.arange(6) + rng.uniform(-0.3, 0.3, 6)) / 6)
-    return middle + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    result: FloatArray = middle + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return result

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import BoolArray, FloatArray
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.target import Artwork, Target
 
@@ -68,10 +69,11 @@ class Discs:
         distance, radius, hole = self._distance(x, y)
         return (distance < radius) & (distance >= hole)
 
-    def has_edge(self, x: np.ndarray, y: np.ndarray, reach_x: np.ndarray, reach_y: np.ndarray) -> np.ndarray:
+    def has_edge(self, x: np.ndarray, y: np.ndarray, reach_x: np.ndarray, reach_y: np.ndarray) -> BoolArray:
         distance, radius, hole = self._distance(x, y)
         reach = np.hypot(reach_x, reach_y)
-        return (np.abs(distance - radius) < reach) | ((hole > 0) & (np.abs(distance - hole) < reach))
+        result: BoolArray = (np.abs(distance - radius) < reach) | ((hole > 0) & (np.abs(distance - hole) < reach))
+        return result
 
 
 @dataclass(frozen=True)
@@ -109,19 +111,21 @@ class Squares:
         row = np.searchsorted(self.edges_y.astype(y.dtype), y, "right")
         return self.cells[row, np.searchsorted(self.edges_x.astype(x.dtype), x, "right")]
 
-    def has_edge(self, x: np.ndarray, y: np.ndarray, reach_x: np.ndarray, reach_y: np.ndarray) -> np.ndarray:
+    def has_edge(self, x: np.ndarray, y: np.ndarray, reach_x: np.ndarray, reach_y: np.ndarray) -> BoolArray:
         left, right = (np.searchsorted(self.edges_x, side, "right") for side in (x - reach_x, x + reach_x))
         top, bottom = (np.searchsorted(self.edges_y, side, "right") for side in (y - reach_y, y + reach_y))
         right, bottom = right + 1, bottom + 1
         sums = self.sums
         black = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
-        return (black > 0) & (black < (right - left) * (bottom - top))
+        result: BoolArray = (black > 0) & (black < (right - left) * (bottom - top))
+        return result
 
 
-def _distinct(values: np.ndarray) -> np.ndarray:
+def _distinct(values: FloatArray) -> FloatArray:
     """Sorted values with near-duplicates merged."""
     values = np.sort(values)
-    return values[np.concatenate([[True], np.diff(values) > _SAME_EDGE])]
+    result: FloatArray = values[np.concatenate([[True], np.diff(values) > _SAME_EDGE])]
+    return result
 
 
 @dataclass(frozen=True)
@@ -136,8 +140,9 @@ class Pattern:
     faces: int
     prints: tuple[Discs | Squares, ...]
 
-    def on_board(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return (x > self.low[0]) & (x < self.high[0]) & (y > self.low[1]) & (y < self.high[1])
+    def on_board(self, x: np.ndarray, y: np.ndarray) -> BoolArray:
+        result: BoolArray = (x > self.low[0]) & (x < self.high[0]) & (y > self.low[1]) & (y < self.high[1])
+        return result
 
     def white(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether points (x, y), metres, are white."""
@@ -146,13 +151,14 @@ class Pattern:
             white &= ~print_.black(x, y)
         return white
 
-    def has_edge(self, x: np.ndarray, y: np.ndarray, reach_x: np.ndarray, reach_y: np.ndarray) -> np.ndarray:
+    def has_edge(self, x: np.ndarray, y: np.ndarray, reach_x: np.ndarray, reach_y: np.ndarray) -> BoolArray:
         """Whether an edge can pass within (reach_x, reach_y), metres, of points (x, y)."""
         edge = (np.abs(x - self.low[0]) < reach_x) | (np.abs(x - self.high[0]) < reach_x)
         edge |= (np.abs(y - self.low[1]) < reach_y) | (np.abs(y - self.high[1]) < reach_y)
         for print_ in self.prints:
             edge |= print_.has_edge(x, y, reach_x, reach_y)
-        return edge
+        result: BoolArray = edge
+        return result
 
 
 @lru_cache(maxsize=8)

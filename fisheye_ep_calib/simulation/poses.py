@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.simulation.patterns import printed_side
 from fisheye_ep_calib.target import Target
 
@@ -38,11 +41,12 @@ def look_pose(
     return pose
 
 
-def _axis_rotation(axis, angle: float) -> np.ndarray:
+def _axis_rotation(axis: Sequence[float], angle: float) -> FloatArray:
     """Rotation (3, 3) by an angle, rad, about a unit axis (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    result: FloatArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return result
 
 
 def paper_poses(target: Target, seed: int = 0) -> np.ndarray:

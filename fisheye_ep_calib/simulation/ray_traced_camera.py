@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.simulation.ray_traced_lens import Prescription, chief_rays, laikin_170
 
 _RAYS = 4000
@@ -49,15 +51,17 @@ class RayTracedCamera:
         """Largest angle with a projection, rad."""
         return self._curves[3]
 
-    def entrance_pupil(self, theta) -> np.ndarray:
+    def entrance_pupil(self, theta: ArrayLike) -> FloatArray:
         """E(θ) = −s(θ), metres, shape of θ (rad)."""
-        return -self._curves[0](np.asarray(theta, dtype=float))
+        result: FloatArray = -self._curves[0](np.asarray(theta, dtype=float))
+        return result
 
-    def radius_px(self, theta) -> np.ndarray:
+    def radius_px(self, theta: ArrayLike) -> FloatArray:
         """Image radius in pixels, shape of θ (rad)."""
-        return self._curves[1](np.asarray(theta, dtype=float)) / self.pixel_pitch
+        result: FloatArray = self._curves[1](np.asarray(theta, dtype=float)) / self.pixel_pitch
+        return result
 
-    def incidence_angle(self, points) -> tuple[np.ndarray, np.ndarray]:
+    def incidence_angle(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """θ (...) of the chief ray through points (..., 3), metres, and whether there is one (...).
 
         The ray of θ passes through (0, 0, s(θ)), so F(θ) = ρ cosθ − (z − s) sinθ = 0: Newton steps within a bracket
@@ -85,18 +89,19 @@ class RayTracedCamera:
         solved = np.abs(value) <= 1e-12 * (1 + rho + np.abs(z))
         return theta, solved & (self._slope(theta, rho, z) < 0) & (theta <= self.theta_limit)
 
-    def _slope(self, theta: np.ndarray, rho: np.ndarray, z: np.ndarray) -> np.ndarray:
+    def _slope(self, theta: FloatArray, rho: FloatArray, z: FloatArray) -> FloatArray:
         """∂F/∂θ, metres."""
         shift = self._curves[0]
         along = rho * np.sin(theta) + (z - shift(theta)) * np.cos(theta)
-        return shift(theta, 1) * np.sin(theta) - along
+        result: FloatArray = shift(theta, 1) * np.sin(theta) - along
+        return result
 
-    def project(self, points) -> tuple[np.ndarray, np.ndarray]:
+    def project(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (..., 2) and validity (...) of points (..., 3) in the camera frame, metres."""
         pixels, valid, _, _ = self.project_with_jacobian(points)
         return pixels, valid
 
-    def project_with_jacobian(self, points) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def project_with_jacobian(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``project`` with ∂pixels/∂point (..., 2, 3) and, for want of parameters, an empty (..., 2, 0).
 
         ∂θ/∂ρ = −cosθ/F′, ∂θ/∂z = sinθ/F′; on the axis r/ρ → r′(0) ∂θ/∂ρ.
@@ -122,7 +127,7 @@ class RayTracedCamera:
         d_point = np.stack([np.stack(first, axis=-1), np.stack(second, axis=-1)], axis=-2)
         return pixels, valid, d_point, np.empty((*rho.shape, 2, 0))
 
-    def unproject(self, pixels) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def unproject(self, pixels: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One ray a pixel (..., 2): origins (..., 3) on the axis, metres, unit directions (..., 3), valid (...)."""
         pixels = np.asarray(pixels, dtype=float)
         du, dv = pixels[..., 0] - self.cx, pixels[..., 1] - self.cy

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
+
 
 @dataclass(frozen=True)
 class Prescription:
@@ -108,7 +110,9 @@ def laikin_170(focal_length: float = 3.5e-3) -> Prescription:
     return lens.scaled(focal_length / lens.focal_length)
 
 
-def refract(direction_z, direction_y, normal_z, normal_y, ratio: float):
+def refract(
+    direction_z: FloatArray, direction_y: FloatArray, normal_z: FloatArray, normal_y: FloatArray, ratio: float
+) -> tuple[FloatArray, FloatArray]:
     """Snell's law for unit vectors in the meridional plane; ratio = n / n′. NaN on total reflection.
 
     d′ = μ d + (√(1 − μ²(1 − c²)) − μ c) n, with c = d·n made positive by the choice of n.
@@ -121,7 +125,14 @@ def refract(direction_z, direction_y, normal_z, normal_y, ratio: float):
     return ratio * direction_z + along * normal_z, ratio * direction_y + along * normal_y
 
 
-def _through(lens: Prescription, surfaces: range, z, y, direction_z, direction_y):
+def _through(
+    lens: Prescription,
+    surfaces: range,
+    z: FloatArray,
+    y: FloatArray,
+    direction_z: FloatArray,
+    direction_y: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Rays (k,) through surfaces, in either direction along the axis; positions lie on the last surface."""
     backwards = surfaces.step < 0
     for surface in surfaces:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.arrays import BoolArray, Image
 from fisheye_ep_calib.simulation.patterns import Pattern, pattern
 from fisheye_ep_calib.simulation.rays import Window, board_window, pixel_rays, plane_points
 from fisheye_ep_calib.simulation.scene_camera import SceneCamera
@@ -65,12 +66,13 @@ def render(camera: SceneCamera, target: Target, camera_from_target: np.ndarray, 
     return _expose(image, imaging)
 
 
-def visible_mask(imaging: Imaging, image_size: tuple[int, int]) -> np.ndarray:
+def visible_mask(imaging: Imaging, image_size: tuple[int, int]) -> BoolArray:
     """Mask (h, w) bool of the pixels that no occluder touches."""
     hidden = np.zeros((image_size[1], image_size[0]), np.float32)
     for polygon in imaging.occluders:
         _fill(hidden, polygon, 1.0)
-    return hidden == 0
+    result: BoolArray = hidden == 0
+    return result
 
 
 def _background(camera: SceneCamera, imaging: Imaging) -> np.ndarray:
@@ -133,7 +135,9 @@ def _taylor_terms(values: np.ndarray) -> np.ndarray:
     )
 
 
-def _average(printed: Pattern, x, y, x_terms: np.ndarray, y_terms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _average(
+    printed: Pattern, x: np.ndarray, y: np.ndarray, x_terms: np.ndarray, y_terms: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """White share of the covered part of n pixels, and that part's share. x, y (n,), terms (5, n)."""
     index = np.arange(_SAMPLES, dtype=np.float32)[:, None]
     du = (index + 0.5) / _SAMPLES - 0.5
@@ -152,7 +156,8 @@ def _illumination(x: np.ndarray, y: np.ndarray, printed: Pattern, imaging: Imagi
     half, middle = (printed.high - printed.low) / 2, (printed.high + printed.low) / 2
     along_x = np.cos(imaging.shading_angle) * (x - middle[0])
     along_y = np.sin(imaging.shading_angle) * (y - middle[1])
-    return (1 + imaging.shading / np.hypot(*half) * (along_x + along_y)).astype(np.float32)
+    result: np.ndarray = (1 + imaging.shading / np.hypot(*half) * (along_x + along_y)).astype(np.float32)
+    return result
 
 
 def _fill(image: np.ndarray, polygon: np.ndarray, value: float) -> None:
@@ -160,7 +165,7 @@ def _fill(image: np.ndarray, polygon: np.ndarray, value: float) -> None:
     cv2.fillPoly(image, [np.round(np.asarray(polygon) * 16).astype(np.int32)], float(value), shift=4)
 
 
-def _expose(image: np.ndarray, imaging: Imaging) -> np.ndarray:
+def _expose(image: np.ndarray, imaging: Imaging) -> Image:
     """Vignetting, blur, noise and rounding to uint8."""
     height, width = image.shape
     if imaging.vignetting > 0:
@@ -172,4 +177,5 @@ def _expose(image: np.ndarray, imaging: Imaging) -> np.ndarray:
     if imaging.noise > 0:
         rng = np.random.default_rng([imaging.seed, 2])
         image = image + np.float32(imaging.noise) * rng.standard_normal(image.shape, np.float32)
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    result: Image = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    return result

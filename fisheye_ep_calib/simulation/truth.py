@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import BoolArray, FloatArray
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.simulation.patterns import printed_side
 from fisheye_ep_calib.simulation.scene_camera import SceneCamera
@@ -24,7 +25,7 @@ def feature_pixels(
     return camera.project(points_in_camera(camera_from_target, target.object_points))
 
 
-def points_in_camera(camera_from_target: np.ndarray, points: np.ndarray) -> np.ndarray:
+def points_in_camera(camera_from_target: FloatArray, points: FloatArray) -> FloatArray:
     """R P + T: points (n, 3) at poses (..., 4, 4) as (..., n, 3), metres."""
     rotation, translation = camera_from_target[..., :3, :3], camera_from_target[..., :3, 3]
     return points @ np.swapaxes(rotation, -1, -2) + translation[..., None, :]
@@ -83,6 +84,7 @@ def observe(camera: SceneCamera, target: Target, poses: np.ndarray, noise: float
     )
 
 
-def _faces_camera(target: Target, poses: np.ndarray) -> np.ndarray:
+def _faces_camera(target: Target, poses: FloatArray) -> BoolArray:
     """Whether the printed side of a target at poses (V, 4, 4) looks toward the camera's origin (V,)."""
-    return -np.einsum("vi,vi->v", poses[:, :3, 2], poses[:, :3, 3]) * printed_side(target) > 0
+    result: BoolArray = -np.einsum("vi,vi->v", poses[:, :3, 2], poses[:, :3, 3]) * printed_side(target) > 0
+    return result

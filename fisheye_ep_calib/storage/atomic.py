@@ -10,7 +10,7 @@ from pathlib import Path
 from fisheye_ep_calib.errors import CalibrationError
 
 
-def atomic_write(path: str | os.PathLike, content: bytes) -> None:
+def atomic_write(path: str | os.PathLike[str], content: bytes) -> None:
     """Write ``content`` to ``path``: a reader sees the old file or the new one, never a part.
 
     Missing parent folders are created. Raises CalibrationError where the place cannot be written.

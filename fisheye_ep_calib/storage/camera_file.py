@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import datetime
 import operator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -46,11 +47,11 @@ class CameraFile:
     stand_in_distance: float = np.inf
     stand_in_loss_px: dict[float, float] = field(default_factory=dict)
     board_warp: np.ndarray = field(default_factory=lambda: np.zeros(len(WARP_NAMES)))
-    calibration: dict = field(default_factory=dict)
-    projection_uncertainty: dict = field(default_factory=dict)
+    calibration: dict[str, Any] = field(default_factory=dict[str, Any])
+    projection_uncertainty: dict[str, Any] = field(default_factory=dict[str, Any])
 
 
-def save_camera(path: str | PathLike, result: CalibrationResult, name: str, source: str = "") -> None:
+def save_camera(path: str | PathLike[str], result: CalibrationResult, name: str, source: str = "") -> None:
     """Write a calibrated camera's file whole or not at all."""
     atomic_write(path, camera_yaml(result, name, source).encode())
 
@@ -97,7 +98,7 @@ def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1 << 16)
 
 
-def _projection_uncertainty(result: CalibrationResult) -> dict:
+def _projection_uncertainty(result: CalibrationResult) -> dict[str, Any]:
     """1σ in px per axis, a row an angle and a column a distance."""
     table = result.projection_table
     return {
@@ -107,16 +108,16 @@ def _projection_uncertainty(result: CalibrationResult) -> dict:
     }
 
 
-def _floats(values) -> list[float]:
+def _floats(values: Iterable[Any]) -> list[float]:
     return [float(value) for value in values]
 
 
-def load_camera(path: str | PathLike) -> FisheyeCamera:
+def load_camera(path: str | PathLike[str]) -> FisheyeCamera:
     """The full camera of a camera file. Raises InputError."""
     return read_camera_file(path).camera
 
 
-def read_camera_file(path: str | PathLike) -> CameraFile:
+def read_camera_file(path: str | PathLike[str]) -> CameraFile:
     """Everything that a camera file says.
 
     A plain camera_info YAML without the block ``entrance_pupil`` is read too, where it is equidistant.
@@ -133,7 +134,7 @@ def read_camera_file(path: str | PathLike) -> CameraFile:
         raise InputError(f"{path} is not a camera file: {what}") from None
 
 
-def _camera_file(content: dict) -> CameraFile:
+def _camera_file(content: dict[str, Any]) -> CameraFile:
     if not isinstance(content, dict):
         raise InputError("a camera file is a mapping")
     stand_in = _stand_in(content)
@@ -179,7 +180,7 @@ def _camera_file(content: dict) -> CameraFile:
     )
 
 
-def _stand_in(content: dict) -> FisheyeCamera:
+def _stand_in(content: dict[str, Any]) -> FisheyeCamera:
     """The single-viewpoint camera of the top level."""
     if content["distortion_model"] != "equidistant":
         raise InputError(f"distortion_model {content['distortion_model']!r} is not equidistant")
@@ -195,21 +196,21 @@ def _stand_in(content: dict) -> FisheyeCamera:
     )
 
 
-def _text(block: dict, key: str, default: str | None = None) -> str:
+def _text(block: dict[str, Any], key: str, default: str | None = None) -> str:
     value = block[key] if default is None else block.get(key, default)
     if not isinstance(value, str | int | float):
         raise InputError(f"{key} must be text")
     return str(value)
 
 
-def _facts(block: dict) -> dict:
+def _facts(block: dict[str, Any]) -> dict[str, Any]:
     facts = block.get("calibration") or {}
     if not isinstance(facts, dict):
         raise InputError("calibration must be a list of keys and values")
     return facts
 
 
-def _fact(name: str, value):
+def _fact(name: str, value: Any) -> Any:
     """A number, a text, a date, or a list of them: what a program can print."""
     if isinstance(value, list) and not any(isinstance(one, list) for one in value):
         return [_fact(name, one) for one in value]
@@ -220,14 +221,14 @@ def _fact(name: str, value):
     return value
 
 
-def _stand_in_distance(value) -> float:
+def _stand_in_distance(value: Any) -> float:
     distance = float(value)
     if not distance > 0:
         raise InputError(f"svp: distance must be positive, not {distance}")
     return distance
 
 
-def _checked_table(block: dict) -> dict:
+def _checked_table(block: dict[str, Any]) -> dict[str, Any]:
     if not block:
         return {}
     table = {key: np.array(block[key], dtype=float) for key in ("theta_deg", "distance_m", "sigma_px")}
@@ -236,7 +237,7 @@ def _checked_table(block: dict) -> dict:
     return {key: value.tolist() for key, value in table.items()}
 
 
-def _covariance(block: dict, camera: FisheyeCamera) -> np.ndarray:
+def _covariance(block: dict[str, Any], camera: FisheyeCamera) -> np.ndarray:
     count = len(camera.parameters)
     if "covariance" not in block:
         return np.zeros((count, count))
@@ -248,9 +249,9 @@ def _covariance(block: dict, camera: FisheyeCamera) -> np.ndarray:
     return covariance
 
 
-def _board_warp(values) -> np.ndarray:
+def _board_warp(values: Iterable[Any]) -> np.ndarray:
     """Shorter lists are filled with zeros: the twist came last."""
-    values = _floats(values)
-    if len(values) > len(WARP_NAMES) or not np.isfinite(values).all():
+    known = _floats(values)
+    if len(known) > len(WARP_NAMES) or not np.isfinite(known).all():
         raise InputError(f"board_warp holds up to {len(WARP_NAMES)} finite numbers")
-    return np.array(values + [0.0] * (len(WARP_NAMES) - len(values)))
+    return np.array(known + [0.0] * (len(WARP_NAMES) - len(known)))

@@ -46,7 +46,8 @@ def _zstd(content: bytes, limit: int) -> bytes:
 def _lz4(content: bytes, limit: int) -> bytes:
     import lz4.frame
 
-    return lz4.frame.LZ4FrameDecompressor().decompress(content, max_length=limit)
+    result: bytes = lz4.frame.LZ4FrameDecompressor().decompress(content, max_length=limit)
+    return result
 
 
 def _bz2(content: bytes, limit: int) -> bytes:

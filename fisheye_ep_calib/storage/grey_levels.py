@@ -48,7 +48,8 @@ def to_eight_bits(grey: np.ndarray) -> np.ndarray:
     if grey.dtype == np.uint16:  # a table costs less than calculating every pixel
         table = _levels(np.arange(1 << 16, dtype=np.float32), scene)
         return np.take(np.rint(table).astype(np.uint8), grey)
-    return np.rint(_levels(grey, scene)).astype(np.uint8)
+    result: np.ndarray = np.rint(_levels(grey, scene)).astype(np.uint8)
+    return result
 
 
 def _levels(values: np.ndarray, scene: Range) -> np.ndarray:
@@ -86,4 +87,5 @@ def _without_hot_pixels(grey: np.ndarray) -> np.ndarray:
     stride = max(1, int(np.sqrt(grey.size / _SAMPLES)))
     rows, columns = np.arange(border, height - border, stride), np.arange(1, width - 1, stride)
     around = [grey[np.ix_(rows + down, columns + right)] for down in (-1, 0, 1) for right in (-1, 0, 1)]
-    return np.partition(np.stack(around), 4, axis=0)[4].astype(np.float64).ravel()
+    result: np.ndarray = np.partition(np.stack(around), 4, axis=0)[4].astype(np.float64).ravel()
+    return result

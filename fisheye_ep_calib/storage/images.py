@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.grey_levels import to_eight_bits
 from fisheye_ep_calib.storage.image_header import check_size, declared_size
+from fisheye_ep_calib.storage.messages import Message
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ for _depth in (8, 16):
 _GREY_OF_CHANNELS = {1: None, 3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
 
 
-def decode_image(message) -> np.ndarray:
+def decode_image(message: Message) -> np.ndarray:
     """sensor_msgs/Image → grey (h, w) uint8; a view of the message's data where that is grey already.
 
     Deeper samples are brought to the range of the scene. Raises InputError.
@@ -74,7 +76,7 @@ def decode_image(message) -> np.ndarray:
     return to_eight_bits(_to_grey(samples[: int(message.height)], layout.to_grey))
 
 
-def checked_samples(message) -> tuple[np.ndarray, Layout]:
+def checked_samples(message: Message) -> tuple[np.ndarray, Layout]:
     """The samples of a sensor_msgs/Image (rows, width[, channels]) of 8, 16 or 32 bits, and how they are laid out.
 
     There are more rows than the image has where colour planes follow. Raises InputError where header and data
@@ -108,7 +110,7 @@ def checked_samples(message) -> tuple[np.ndarray, Layout]:
     return samples, layout
 
 
-def decode_compressed(message) -> np.ndarray:
+def decode_compressed(message: Message) -> np.ndarray:
     """sensor_msgs/CompressedImage (JPEG or PNG, whatever its ``format`` says) → grey (h, w) uint8."""
     return decode_file_content(as_bytes(message.data))
 
@@ -171,7 +173,7 @@ def _to_grey(samples: np.ndarray, code: int | None) -> np.ndarray:
         raise InputError(f"an image of {samples.shape[1]}×{samples.shape[0]} pixels cannot be converted") from None
 
 
-def as_bytes(data) -> np.ndarray:
+def as_bytes(data: Any) -> np.ndarray:
     """Bytes, a memoryview, an array.array or an array of uint8 without a copy; a list of numbers with one."""
     try:
         if isinstance(data, list | tuple):
@@ -181,7 +183,7 @@ def as_bytes(data) -> np.ndarray:
         raise InputError("the image's data is not a sequence of bytes") from None
 
 
-def short_name(text) -> str:
+def short_name(text: object) -> str:
     """A name from a message, fit to stand in one line."""
-    text = "".join(character if character.isprintable() else "?" for character in str(text))
-    return text if len(text) <= 40 else text[:40] + "…"
+    line = "".join(character if character.isprintable() else "?" for character in str(text))
+    return line if len(line) <= 40 else line[:40] + "…"

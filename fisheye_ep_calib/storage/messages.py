@@ -6,12 +6,18 @@ Both image types have kept their fields since ROS 1, so the definitions a bag ca
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fisheye_ep_calib.errors import InputError, first_line
 
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+Message: TypeAlias = Any  # rosbags and rclpy each make the classes of messages from their definitions
+
 
 @lru_cache(maxsize=2)
-def _typestore(encoding: str):
+def _typestore(encoding: str) -> Typestore:
     try:
         from rosbags.typesys import Stores, get_typestore
     except ModuleNotFoundError:
@@ -19,7 +25,7 @@ def _typestore(encoding: str):
     return get_typestore(Stores.ROS2_JAZZY if encoding == "cdr" else Stores.ROS1_NOETIC)
 
 
-def deserialize(content: bytes, type_name: str, encoding: str):
+def deserialize(content: bytes, type_name: str, encoding: str) -> Message:
     """A message of ``type_name`` from its bytes; encoding "cdr" or "ros1". Raises InputError."""
     store = _typestore(encoding)
     read = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1

@@ -12,12 +12,12 @@ from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.storage.atomic import atomic_write
 
 
-def load_observations(path: str | PathLike) -> Observations:
+def load_observations(path: str | PathLike[str]) -> Observations:
     """Read an observation file; lengths become metres. Raises InputError with the path and what is wrong."""
     return Observations.load(path)
 
 
-def save_observations(path: str | PathLike, observations: Observations) -> None:
+def save_observations(path: str | PathLike[str], observations: Observations) -> None:
     """Write an observation file in metres, whole or not at all."""
     arrays: dict[str, Any] = {
         "object_points": observations.object_points,

@@ -11,6 +11,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.grey_levels import to_eight_bits
 from fisheye_ep_calib.storage.image_header import check_size
 from fisheye_ep_calib.storage.images import as_bytes, checked_samples, decoded_file, short_name
+from fisheye_ep_calib.storage.messages import Message
 
 _BAYER_TO_BGR = {
     "rggb": cv2.COLOR_BayerBG2BGR,
@@ -54,7 +55,7 @@ class Picture:
         return cv2.cvtColor(self.samples, cv2.COLOR_RGB2BGR) if self.encoding.startswith("rgb") else self.samples
 
 
-def decode_picture(message) -> Picture:
+def decode_picture(message: Message) -> Picture:
     """sensor_msgs/Image → a picture: Bayer patterns and YUV become blue green red. Raises InputError."""
     samples, _ = checked_samples(message)
     encoding = str(message.encoding).strip().lower()
@@ -74,7 +75,7 @@ def decode_picture(message) -> Picture:
     return Picture(to_eight_bits(samples[:height]), "mono8")
 
 
-def decode_compressed_picture(message) -> Picture:
+def decode_compressed_picture(message: Message) -> Picture:
     """sensor_msgs/CompressedImage (JPEG or PNG) → a picture. Raises InputError."""
     return decode_picture_content(as_bytes(message.data))
 
@@ -92,7 +93,7 @@ def picture_of(samples: np.ndarray) -> Picture:
     return Picture(samples[..., 0] if samples.shape[2] == 1 else samples, encoding)
 
 
-def decode_depth(message) -> np.ndarray:
+def decode_depth(message: Message) -> np.ndarray:
     """A depth image (sensor_msgs/Image, 32FC1 in metres or 16UC1 in millimetres) → (h, w) float32, metres.
 
     NaN where there is no depth: 0 of 16UC1, whatever is not positive of 32FC1. Raises InputError.

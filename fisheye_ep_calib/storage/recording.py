@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -64,7 +65,11 @@ class Recording:
     """
 
     def __init__(
-        self, sources: Sequence[Source], problems: Sequence[str] = (), notes: Sequence[str] = (), scratch=None
+        self,
+        sources: Sequence[Source],
+        problems: Sequence[str] = (),
+        notes: Sequence[str] = (),
+        scratch: tempfile.TemporaryDirectory[str] | None = None,
     ) -> None:
         self._sources = tuple(sources)
         self._scratch = scratch
@@ -82,7 +87,7 @@ class Recording:
     def __enter__(self) -> Recording:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -92,7 +97,7 @@ class Recording:
         if self._scratch is not None:
             self._scratch.cleanup()
 
-    def __getstate__(self) -> dict:
+    def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_scratch": None}
 
     def image_topics(self) -> tuple[ImageTopic, ...]:
@@ -146,7 +151,9 @@ class Recording:
         return (self.frame(topic, index) for index in range(self.count(topic)))
 
 
-def open_recording(paths: str | os.PathLike | Sequence[str | os.PathLike], *, strict: bool = False) -> Recording:
+def open_recording(
+    paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, strict: bool = False
+) -> Recording:
     """Open bags, folders of images or patterns such as ``images/*.png``, several of them as one recording.
 
     A damaged file is used as far as it can be read, and ``problems`` says what is lost; ``strict`` refuses it

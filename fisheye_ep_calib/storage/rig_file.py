@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -112,7 +113,7 @@ def kalibr_camchain(rig: RigCalibration, stand_ins: Sequence[FisheyeCamera], top
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1 << 16)
 
 
-def load_rig(path: str | PathLike) -> RigFile:
+def load_rig(path: str | PathLike[str]) -> RigFile:
     """Read a rig file. Raises InputError."""
     path = Path(path)
     content = read_yaml(path, "rig")
@@ -132,7 +133,7 @@ def load_rig(path: str | PathLike) -> RigFile:
         raise InputError(f"{path} is not a rig file: {type(error).__name__} {error}") from None
 
 
-def _pose(rows) -> np.ndarray:
+def _pose(rows: Any) -> np.ndarray:
     pose = np.array(rows, dtype=float).reshape(4, 4)
     turn = pose[:3, :3]
     rigid = np.abs(turn @ turn.T - np.eye(3)).max() < _NOT_RIGID and np.linalg.det(turn) > 0
@@ -141,5 +142,5 @@ def _pose(rows) -> np.ndarray:
     return pose
 
 
-def _floats(values) -> list[float]:
+def _floats(values: Iterable[Any]) -> list[float]:
     return [float(value) for value in values]

@@ -7,6 +7,7 @@ kind, count, value) that ends with the offset of the next one. BigTIFF has the n
 from __future__ import annotations
 
 import struct
+from mmap import mmap
 from typing import NamedTuple
 
 from fisheye_ep_calib.errors import InputError
@@ -35,7 +36,7 @@ class _Layout(NamedTuple):
     value_at: int
 
 
-def pages(content, most: int = MOST_PAGES) -> list[Page]:
+def pages(content: bytes | memoryview | mmap, most: int = MOST_PAGES) -> list[Page]:
     """The pages of a TIFF, without thumbnails and masks, up to ``most`` directories. content: bytes or a map of them.
 
     Raises InputError where the first page declares no size, or struct.error where the header is cut short. Damage
@@ -66,7 +67,7 @@ def pages(content, most: int = MOST_PAGES) -> list[Page]:
     return found
 
 
-def _directory(content, position: int, layout: _Layout) -> tuple[dict[int, int], int]:
+def _directory(content: bytes | memoryview | mmap, position: int, layout: _Layout) -> tuple[dict[int, int], int]:
     """The tags that matter here, and where the next directory is."""
     (entries,) = struct.unpack_from(layout.order + layout.entries, content, position)
     if entries > _MOST_ENTRIES:

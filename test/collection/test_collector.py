@@ -102,7 +102,7 @@ def test_workers_that_die_while_idle_cost_nothing(tmp_path):
         try:
             workers.add([Job("front", 0)])
             assert workers.next_result().index == 0
-            (process,) = workers._pool._processes.values()
+            (process,) = multiprocessing.active_children()
             process.kill()
             process.join()
             workers.add([Job("front", index) for index in (1, 2, 3)])

@@ -11,6 +11,7 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = REPOSITORY / "fisheye_ep_calib"
 SHARED = {
+    "arrays",
     "errors",
     "cores",
     "rotation",

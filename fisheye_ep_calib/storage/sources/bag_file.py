@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import decompress
@@ -40,7 +40,8 @@ class Record(NamedTuple):
 
     def number(self, name: str, layout: str = "<I") -> int:
         try:
-            return struct.unpack(layout, self.fields[name.encode()])[0]
+            (number,) = struct.unpack(layout, self.fields[name.encode()])
+            return int(number)
         except (KeyError, struct.error):
             raise Damaged from None
 
@@ -52,7 +53,7 @@ class Record(NamedTuple):
 
     def time(self) -> int:
         seconds, nanoseconds = struct.unpack("<II", struct.pack("<Q", self.number("time", "<Q")))
-        return seconds * 10**9 + nanoseconds
+        return int(seconds) * 10**9 + int(nanoseconds)
 
 
 class BagFile(BagSource):
@@ -232,7 +233,7 @@ class BagFile(BagSource):
         super().close()
         self._cached_chunk = (0, b"")
 
-    def __getstate__(self) -> dict:
+    def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "_cached_chunk": (0, b"")}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
 from fisheye_ep_calib.storage.images import decode_compressed, decode_image
-from fisheye_ep_calib.storage.messages import deserialize
+from fisheye_ep_calib.storage.messages import Message, deserialize
 from fisheye_ep_calib.storage.pictures import Picture, decode_compressed_picture, decode_picture
 from fisheye_ep_calib.storage.sources.open_files import forget, note_use
 
@@ -112,7 +112,7 @@ class Source:
         if file is not None:
             file.close()
 
-    def __getstate__(self) -> dict:
+    def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_file": None, "path": self.path.absolute()}  # a worker may stand elsewhere
 
 
@@ -130,7 +130,7 @@ class BagSource(Source):
         """The serialized message. Raises InputError where it is damaged."""
         raise NotImplementedError
 
-    def message(self, topic: str, entry: Entry):
+    def message(self, topic: str, entry: Entry) -> Message:
         """The message, with the attributes its ROS definition names. Raises InputError."""
         try:
             content = self.read(topic, entry)
@@ -153,13 +153,14 @@ class BagSource(Source):
         return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
     def _stream(self) -> BinaryIO:
-        if self._file is None:
+        file: BinaryIO | None = self._file
+        if file is None:
             try:
-                self._file = open(self.path, "rb")
+                self._file = file = open(self.path, "rb")
             except OSError as error:
                 raise InputError(f"{self.path} cannot be opened: {error.strerror or error}") from None
         note_use(self)
-        return self._file
+        return file
 
     def _add_topic(self, topic: str, type_name: str, encoding: str) -> bool:
         """Note a topic; True where its images can be read."""

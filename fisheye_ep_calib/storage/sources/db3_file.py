@@ -21,7 +21,7 @@ class Db3File(BagSource):
         topics = self._topics()
         if not topics:
             raise InputError(f"{self.path} holds no topics")
-        rows: list[tuple] = []
+        rows: list[tuple[int, int, int]] = []
         complete = self._collect(rows, "ASC", None)
         if not complete:
             # What lies beyond the damage may still be reached from the other end.
@@ -53,7 +53,7 @@ class Db3File(BagSource):
             self.problems.append(f"{self.path}: some topics are lost ({error})")
         return images or {-1: ""} if self.topics else {}
 
-    def _collect(self, rows: list[tuple], direction: str, stop_at: int | None) -> bool:
+    def _collect(self, rows: list[tuple[int, int, int]], direction: str, stop_at: int | None) -> bool:
         """Append (row, topic, time) of every message; False where some cannot be read."""
         complete = True
         # Not by an index: the table is what is read later, and what is damaged in it shows here.
@@ -76,23 +76,25 @@ class Db3File(BagSource):
             header = file.read(32)
         (page_size,) = struct.unpack_from(">H", header, 16)
         (pages,) = struct.unpack_from(">I", header, 28)
-        return self.path.stat().st_size < (65536 if page_size == 1 else page_size) * pages
+        whole: int = (65536 if page_size == 1 else page_size) * pages
+        return self.path.stat().st_size < whole
 
     def _connection(self) -> sqlite3.Connection:
-        if self._file is None:
+        file: sqlite3.Connection | None = self._file
+        if file is None:
             # Immutable: nothing is created beside the user's file. Not where the recorder left its journal.
             journal = self._journal_pends() and self._may_write_beside()
             options = "mode=ro" if journal else "mode=ro&immutable=1"
             uri = f"file:{quote(str(self.path.absolute()))}?{options}"
             try:
-                self._file = sqlite3.connect(uri, uri=True, check_same_thread=False)
-                self._file.text_factory = lambda text: text.decode("utf-8", "replace")
+                self._file = file = sqlite3.connect(uri, uri=True, check_same_thread=False)
+                file.text_factory = lambda text: text.decode("utf-8", "replace")
                 # The name misleads: it makes SQLite read a file that is shorter than it says it is.
-                self._file.execute("PRAGMA writable_schema = ON")
+                file.execute("PRAGMA writable_schema = ON")
             except sqlite3.Error as error:
                 raise InputError(f"{self.path} cannot be opened: {error}") from None
         note_use(self)
-        return self._file
+        return file
 
     def _journal_pends(self) -> bool:
         journal = Path(f"{self.path}-wal")
@@ -109,7 +111,7 @@ class Db3File(BagSource):
             if kind != "blob" or size > MAX_MESSAGE_BYTES:
                 raise InputError("the message is damaged")
             query = "SELECT data FROM messages WHERE id = ?"
-            (content,) = self._connection().execute(query, entry.location).fetchone()
+            content: bytes = self._connection().execute(query, entry.location).fetchone()[0]
         except (sqlite3.Error, OverflowError) as error:
             raise InputError(f"the message is damaged ({error})") from None
         return content

@@ -41,7 +41,8 @@ class BagFormat(NamedTuple):
             raise InputError(
                 f"{path}: reading it needs the Python package {error.name}: pip install {error.name}"
             ) from None
-        return getattr(module, self.source).open(path)
+        opened: Source = getattr(module, self.source).open(path)
+        return opened
 
 
 _HERE = "fisheye_ep_calib.storage.sources"
@@ -63,7 +64,7 @@ class Found(NamedTuple):
     notes: list[str]
 
 
-def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> Found:
+def find_sources(paths: Sequence[str | os.PathLike[str]], scratch: Path) -> Found:
     """The sources that ``paths`` name.
 
     scratch: a folder for what must be decompressed before it can be read. Raises InputError where nothing is.
@@ -106,7 +107,7 @@ def find_sources(paths: Sequence[str | os.PathLike], scratch: Path) -> Found:
     return Found(sources, problems, notes)
 
 
-def _expand(paths: Sequence[str | os.PathLike]) -> list[Path]:
+def _expand(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
     """Patterns become the files they match; every other path must exist."""
     found = []
     for name in paths:

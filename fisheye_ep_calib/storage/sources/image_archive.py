@@ -28,7 +28,7 @@ class _BoundedMember(tarfile.TarInfo):
     """A member whose header may not ask for memory without end."""
 
     @classmethod
-    def frombuf(cls, buf, encoding, errors):
+    def frombuf(cls, buf: bytes | bytearray, encoding: str, errors: str) -> _BoundedMember:
         member = super().frombuf(buf, encoding, errors)
         extended = (tarfile.XHDTYPE, tarfile.XGLTYPE, tarfile.SOLARIS_XHDTYPE, *tarfile.GNU_TYPES)
         if member.type in extended and member.type != tarfile.GNUTYPE_SPARSE and member.size > _MOST_HEADER_BYTES:

@@ -8,6 +8,7 @@ import re
 import struct
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +64,7 @@ class ImageFiles(Source):
             return ""
         return f"{found.st_size} {found.st_mtime_ns}"
 
-    def __getstate__(self) -> dict:
+    def __getstate__(self) -> dict[str, Any]:
         archive = None if self.archive is None else (self.archive[0].absolute(), self.archive[1].absolute())
         return {**super().__getstate__(), "files": [file.absolute() for file in self.files], "archive": archive}
 
@@ -101,7 +102,7 @@ def _pages(path: Path) -> list[Page]:
     return [Page(0, 0, 0)]
 
 
-def natural_order(path: Path) -> tuple:
+def natural_order(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Sorts img2 before img10."""
     parts = re.split(r"(\d+)", path.name)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import PurePath
+from typing import TypeAlias
 
 MOST_CAMERAS = 12
 _ALIKE = 0.6  # of the larger camera's images the smaller one has at least, and of its numbers the other one has too
@@ -22,6 +24,8 @@ _MARKS = (
     re.compile(r"(left|right)(?![a-z])|(?<![a-z])(left|right)"),
     re.compile(rf"(?<![a-z])(?:{_DEVICES})[ _-]?(?:\d+|[a-h](?![a-z]))"),
 )
+
+_Reading: TypeAlias = tuple[str, str, tuple[int, ...]]  # camera, rest and numbers of a name
 
 # The digits of a time since 1970 → nanoseconds a unit.
 _UNITS = {10: 10**9, 13: 10**6, 16: 10**3, 19: 1}
@@ -53,7 +57,7 @@ def cameras_in_names(
     """
     words = [re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem(name)).lower() for name in names]
     for mark in _MARKS:
-        found = _split(words, lambda word, mark=mark: _marked(word, mark))  # type: ignore[misc]
+        found = _split(words, partial(_marked, mark))
         if found is not None and _are_cameras(found.numbers):
             return found
     found = _split(words, _skeleton)
@@ -64,7 +68,7 @@ def cameras_in_names(
     return None
 
 
-def _marked(word: str, mark: re.Pattern) -> tuple[str, str, tuple[int, ...]] | None:
+def _marked(mark: re.Pattern[str], word: str) -> _Reading | None:
     """Camera, rest and numbers of a name; None where no camera or no number is in it."""
     found = mark.search(word)
     if found is None:
@@ -75,14 +79,14 @@ def _marked(word: str, mark: re.Pattern) -> tuple[str, str, tuple[int, ...]] | N
     return (_SAME_SIDE.get(camera, camera), re.sub(r"\d+", "#", rest), numbers) if numbers else None
 
 
-def _skeleton(word: str) -> tuple[str, str, tuple[int, ...]] | None:
+def _skeleton(word: str) -> _Reading | None:
     """As _marked, with all that is no number as the camera."""
     numbers = tuple(map(int, re.findall(r"\d{1,30}", word)))
     camera = re.sub(r"[\W_]+", "_", re.sub(r"\d+", "", word)).strip("_")
     return (camera, "", numbers) if numbers and camera else None
 
 
-def _split(words: Sequence[str], reading: Callable) -> NamedCameras | None:
+def _split(words: Sequence[str], reading: Callable[[str], _Reading | None]) -> NamedCameras | None:
     """Images by camera, where the cameras have about as many, of the same numbers, named in the same way."""
     readings = [reading(word) for word in words]
     rests = [found[1] for found in readings if found is not None]
@@ -90,15 +94,17 @@ def _split(words: Sequence[str], reading: Callable) -> NamedCameras | None:
         return None
     usual = max(set(rests), key=rests.count)
     cameras: dict[str, list[int]] = {}
+    numbers_of: dict[str, set[tuple[int, ...]]] = {}
     strays = []
     for place, found in enumerate(readings):
         if found is None or found[1] != usual:
             strays.append(place)
         else:
             cameras.setdefault(found[0], []).append(place)
+            numbers_of.setdefault(found[0], set()).add(found[2])
     if not 2 <= len(cameras) <= MOST_CAMERAS or len(strays) > min(_MOST_STRAYS, _STRAY * len(words)):
         return None
-    numbers = [{readings[place][2] for place in places} for places in cameras.values()]
+    numbers = list(numbers_of.values())
     fewest, most = min(map(len, numbers)), max(map(len, numbers))
     if fewest < 2 or fewest < _ALIKE * most or sum(map(len, numbers)) != len(words) - len(strays):
         return None

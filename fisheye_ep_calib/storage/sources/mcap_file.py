@@ -6,7 +6,7 @@ import struct
 import zlib
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, MessageIndex, Schema, Statistics
@@ -174,9 +174,11 @@ class McapFile(BagSource):
                 whole &= self._note_if_whole(stream, record, chunk_position, start)
         return whole
 
-    def _note_if_whole(self, *arguments) -> bool:
+    def _note_if_whole(
+        self, stream: BinaryIO, record: Record, chunk_position: int = OUTSIDE_CHUNKS, start: int = 0
+    ) -> bool:
         try:
-            self._note(*arguments)
+            self._note(stream, record, chunk_position, start)
         except CutShort:
             return False
         return True
@@ -231,5 +233,5 @@ class McapFile(BagSource):
         super().close()
         self._cached_chunk = (0, b"")
 
-    def __getstate__(self) -> dict:
+    def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "_cached_chunk": (0, b"")}

@@ -9,7 +9,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from io import BytesIO
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple, Protocol, TypeVar
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -24,6 +24,16 @@ MESSAGE_HEADER_BYTES = 22
 MAX_CHUNK_BYTES = 2**30
 MAX_SMALL_RECORD_BYTES = 2**26
 LAST_POSITION = 2**62  # beyond any file, within what seek() takes
+
+
+_Kind = TypeVar("_Kind", covariant=True)
+
+
+class RecordClass(Protocol[_Kind]):
+    """One of the mcap package's classes of records."""
+
+    @staticmethod
+    def read(stream: ReadDataStream) -> _Kind: ...
 
 
 class CutShort(Exception):
@@ -87,7 +97,7 @@ def walk(stream: BinaryIO, position: int, end: int) -> Iterator[Record]:
         position = record.end
 
 
-def parse(stream: BinaryIO, record: Record, kind):
+def parse(stream: BinaryIO, record: Record, kind: RecordClass[_Kind]) -> _Kind:
     """The record as one of the mcap package's record classes. Raises CutShort where it makes no sense."""
     if record.length > MAX_SMALL_RECORD_BYTES:
         raise CutShort(record.position)
