@@ -14,6 +14,7 @@ from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fi
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.result import CalibrationResult
+from fisheye_ep_calib.calibration.selecting.independent_views import without_copies, without_resting_views
 from fisheye_ep_calib.calibration.selecting.model_selection import Search, choose
 from fisheye_ep_calib.calibration.selecting.outliers import RejectedPoint, Screening, huber_fit, screen
 from fisheye_ep_calib.calibration.structure import LENS, Structure
@@ -80,7 +81,9 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     seconds = screened.seconds | {"compare": time.perf_counter() - began}
     _refuse_unexplained(fit)
     _refuse_undetermined(fit)
-    result = CalibrationResult(fit, screened.rejected, screened.wrong_views, seconds, choice, settings.svp_distance)
+    result = CalibrationResult(
+        fit, screened.rejected, screened.wrong_views, seconds, choice, settings.svp_distance, screened.same_place
+    )
     if np.isfinite(settings.svp_distance):
         _ = result.stand_in  # refuses a distance that is too near
     return result
@@ -90,8 +93,8 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
 class RoughCamera:
     """Good enough to say where in an image the target is. camera: valid to the largest angle seen.
 
-    camera_from_target (V, 4, 4): metres, poses in the images of these numbers, view_images (V,).
-    seconds: as in ``CalibrationResult``, without "compare".
+    camera_from_target (V, 4, 4): metres, poses in the images of these numbers, view_images (V,), sorted; images of a
+    board at rest share one. seconds: as in ``CalibrationResult``, without "compare".
     """
 
     camera: FisheyeCamera
@@ -111,7 +114,11 @@ def rough_camera(observations: Observations, model: str = AUTO, **options) -> Ro
     fit = screened.fit
     _refuse_unexplained(fit)
     camera = replace(fit.state.camera, theta_max=fit.largest_angle)
-    return RoughCamera(camera, fit.state.camera_from_target, fit.sightings.images, screened.seconds)
+    poses = dict(zip(fit.sightings.images.tolist(), fit.state.camera_from_target, strict=True))
+    for first, images in screened.same_place.items():
+        poses |= {image: poses[first] for image in images if first in poses}
+    numbers = sorted(poses)
+    return RoughCamera(camera, np.array([poses[image] for image in numbers]), np.array(numbers), screened.seconds)
 
 
 @dataclass(frozen=True)
@@ -123,15 +130,13 @@ class _ScreenedFit:
     rejected: tuple[RejectedPoint, ...]
     wrong_views: tuple[int, ...]
     seconds: dict[str, float]
+    same_place: dict[int, tuple[int, ...]]
 
 
 def _screened_fit(observations: Observations, settings: Options, base: Structure) -> _ScreenedFit:
-    """Fit the base structure from nothing, mend wrong poses and leave out wrong sightings."""
+    """Fit the base structure from nothing, each place once, mend wrong poses and leave out wrong sightings."""
     started = time.perf_counter()
-    sightings = prepare(observations, settings.disc_centers)
-    _refuse_alike_views(sightings)
-    _refuse_warp_of_solid(sightings, base)
-    start = first_fit(sightings, base.lens)
+    start, same_place = _first_fit_of_places(observations, settings, base)
     initialized = time.perf_counter()
     fit = refine(start, base)
     mended = repaired(fit)
@@ -146,7 +151,32 @@ def _screened_fit(observations: Observations, settings: Options, base: Structure
         "adjust": adjusted - initialized,
         "screen": time.perf_counter() - adjusted,
     }
-    return _ScreenedFit(screening.start, fit, screening.rejected, screening.wrong_views, seconds)
+    return _ScreenedFit(screening.start, fit, screening.rejected, screening.wrong_views, seconds, same_place)
+
+
+def _first_fit_of_places(
+    observations: Observations, settings: Options, base: Structure
+) -> tuple[Fit, dict[int, tuple[int, ...]]]:
+    """A first fit to views that are independent, and which images each of them stands for (independent_views.py)."""
+    different = without_copies(observations)
+    sightings = prepare(different.observations, settings.disc_centers)
+    _refuse_alike_views(sightings)
+    _refuse_warp_of_solid(sightings, base)
+    start = first_fit(sightings, base.lens)
+    resting = without_resting_views(start)
+    if resting.images:
+        start = refine(start, start.structure, prepare(resting.observations, settings.disc_centers))
+    return start, _together(different.images, resting.images)
+
+
+def _together(copies: dict[int, tuple[int, ...]], resting: dict[int, tuple[int, ...]]) -> dict[int, tuple[int, ...]]:
+    """Image number → the images at its place, from copies of images and from images of a board at rest."""
+    places = {
+        first: tuple(sorted(image for member in images for image in copies.get(member, (member,))))
+        for first, images in resting.items()
+    }
+    placed = {image for images in places.values() for image in images}
+    return places | {first: images for first, images in copies.items() if first not in placed}
 
 
 def base_structure(settings: Options, model: str) -> Structure:

@@ -5,7 +5,7 @@ Only the fit is made by the calibration itself. Everything that judges it is wor
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from fisheye_ep_calib.calibration.assessing.uncertainty import (
     uncertainty,
 )
 from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.selecting.model_selection import (
     Candidate,
     Choice,
@@ -55,6 +56,8 @@ class CalibrationResult:
     "compare" (the other models, cross-validation; 0 for a named model, which is compared when that is looked at).
     choice: what "auto" compared and took; None for a named model.
     svp_distance: metres, for which the single-viewpoint stand-in is fitted.
+    same_place: image number of a view → the images that it stands for, where it is more than one: copies, and images
+    between which the board rested.
     """
 
     fit: Fit
@@ -63,6 +66,7 @@ class CalibrationResult:
     seconds: dict[str, float]
     choice: Choice | None = None
     svp_distance: float = np.inf
+    same_place: dict[int, tuple[int, ...]] = field(default_factory=dict)
 
     @cached_property
     def camera(self) -> FisheyeCamera:
@@ -111,6 +115,11 @@ class CalibrationResult:
         return self.choice.pupil_supported if self.choice else bool(supported_pupils(with_needed_lens(self.candidates)))
 
     @property
+    def observations(self) -> Observations:
+        """What was fitted: each place once, wrong sightings with weight 0."""
+        return self.fit.sightings.observations
+
+    @property
     def camera_from_target(self) -> np.ndarray:
         """Poses (V, 4, 4), metres."""
         return self.fit.state.camera_from_target
@@ -149,7 +158,7 @@ class CalibrationResult:
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """What the recording could and could not tell, and what to record more of."""
-        return diagnose(self.fit, self.camera, self.fit.sightings.observations.image_names)
+        return diagnose(self.fit, self.camera, self.observations.image_names, self.same_place)
 
     @cached_property
     def projection_table(self) -> ProjectionTable:
@@ -158,7 +167,7 @@ class CalibrationResult:
 
     @property
     def reprojection_error(self) -> np.ndarray:
-        """Predicted minus measured pixels (M, 2), by observation row; NaN in images left out."""
+        """Predicted minus measured pixels (M, 2), by row of ``observations``; NaN in images left out."""
         return self.fit.residuals[0]
 
 

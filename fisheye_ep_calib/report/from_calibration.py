@@ -37,7 +37,7 @@ def calibration_report(
     picture_budget: int = BUDGET,
 ) -> CameraReport:
     """observations: what was calibrated. pupil_sentence: whether a pupil is supported. image: of an image's number."""
-    rejected = _rejected(observations, result)
+    rejected = _rejected(result)
     residuals = calibration_residuals(result)
     views = calibration_views(observations, result)
     if image is not None:
@@ -84,11 +84,12 @@ def calibration_residuals(result: CalibrationResult) -> Residuals:
 def calibration_views(observations: Observations, result: CalibrationResult) -> tuple[View, ...]:
     """The views that the chosen fit used, without pictures."""
     names = [observations.image_names[number] for number in result.view_images]
-    return views_of(names, calibration_residuals(result), _rejected(observations, result))
+    return views_of(names, calibration_residuals(result), _rejected(result))
 
 
-def _rejected(observations: Observations, result: CalibrationResult) -> tuple[Rejected, ...]:
+def _rejected(result: CalibrationResult) -> tuple[Rejected, ...]:
     """The sightings left out, the worst first."""
+    observations = result.observations
     row = {
         (int(image), int(point)): index
         for index, (image, point) in enumerate(zip(observations.image_index, observations.point_index, strict=True))

@@ -6,6 +6,7 @@ near/far split, which fits the nearer and the farther half of the views by thems
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,8 +61,10 @@ class Diagnosis:
     findings: tuple[Finding, ...]
 
 
-def diagnose(fit: Fit, camera: FisheyeCamera, names: tuple[str, ...]) -> Diagnosis:
-    """camera: the fitted one with its theta_max. names: of the images."""
+def diagnose(
+    fit: Fit, camera: FisheyeCamera, names: tuple[str, ...], same_place: Mapping[int, tuple[int, ...]] | None = None
+) -> Diagnosis:
+    """camera: the fitted one with its theta_max. names: of the images. same_place: view → images it stands for."""
     theta, azimuth, distance = _sighting_geometry(fit)
     counts = coverage(theta, azimuth, RING_DEGREES, SECTORS)
     in_image = reachable(camera, len(counts), RING_DEGREES, SECTORS)
@@ -74,6 +77,7 @@ def diagnose(fit: Fit, camera: FisheyeCamera, names: tuple[str, ...]) -> Diagnos
         *([_near_far(split, bool(fit.structure.pupil_terms))] if split else []),
         _worst_view(fit, view_rms, names),
         *_hanging_together(uncertainty(fit).clustering),
+        *_copies(len(fit.sightings.images), same_place or {}),
     ]
     return Diagnosis(counts, in_image, view_rms, split, tuple(findings))
 
@@ -221,6 +225,17 @@ def _hanging_together(clustering: float) -> list[Finding]:
     wider = float(np.sqrt(clustering))
     told = f"the points of a view err together: bands are {wider:.1f} times as wide as their scatter alone would give"
     return [Finding("errors that hang together", {"widening": wider}, False, told)]
+
+
+def _copies(views: int, same_place: Mapping[int, tuple[int, ...]]) -> list[Finding]:
+    if not same_place:
+        return []
+    images = views + sum(len(images) - 1 for images in same_place.values())
+    told = (
+        f"{images} images show {views} places: copies, and images of a board at rest, count as one view each; "
+        "move the target between images"
+    )
+    return [Finding("copies", {"images": float(images), "places": float(views)}, True, told)]
 
 
 def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...]) -> Finding:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.calibration import Observations, calibrate, rough_camera
+from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma
 from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare
 from fisheye_ep_calib.calibration.selecting.independent_views import without_copies, without_resting_views
 from fisheye_ep_calib.rotation import moved_poses
@@ -39,16 +40,7 @@ def shuffled_rows(observations: Observations, image: int, order: np.ndarray) -> 
 
 def test_exact_copies_count_once_whatever_the_order_of_their_points():
     once = seen(POSES)
-    images = np.repeat(np.arange(12), 3)
-    rows = [np.flatnonzero(once.image_index == image) for image in images]
-    copies = Observations.create(
-        once.object_points,
-        np.repeat(np.arange(36), [len(each) for each in rows]),
-        once.point_index[np.concatenate(rows)],
-        once.pixels[np.concatenate(rows)],
-        once.image_size,
-        disc_radius=once.disc_radius,
-    )
+    copies = _tripled(once)
     count = int((copies.image_index == 4).sum())
     found = without_copies(shuffled_rows(copies, 4, np.random.default_rng(0).permutation(count)))
     assert found.images == {3 * place: (3 * place, 3 * place + 1, 3 * place + 2) for place in range(12)}
@@ -108,3 +100,45 @@ def test_points_that_only_a_copy_has_are_kept():
     found = merged(replace(half, weights=np.where(lost, 0.0, 1.0)))
     assert len(found.images) == 12
     assert (found.observations.weights > 0).all() and len(found.observations.pixels) == 12 * 77
+
+
+@pytest.mark.parametrize("model", ["auto", "ep_odd"])
+def test_copies_change_nothing_in_a_calibration(model):
+    poses = paper_poses(TARGET)
+    once, many = calibrate(seen(poses), model), calibrate(_tripled(seen(poses)), model)
+    np.testing.assert_array_equal(many.camera.parameters, once.camera.parameters)
+    np.testing.assert_array_equal(many.uncertainty.covariance, once.uncertainty.covariance)
+    assert many.views == once.views == len(poses) and many.reasons == once.reasons
+    told = [finding.sentence for finding in many.diagnosis.findings if finding.name == "copies"]
+    assert len(told) == 1 and f"{3 * len(poses)} images show {len(poses)} places" in told[0]
+    assert not [finding for finding in once.diagnosis.findings if finding.name == "copies"]
+
+
+def test_resting_boards_narrow_a_band_by_no_more_than_the_noise():
+    poses = paper_poses(TARGET)
+    once, many = calibrate(seen(poses), "ep_odd"), calibrate(seen(np.repeat(poses, 4, axis=0)), "ep_odd")
+    sigma_once, sigma_many = (
+        pupil_sigma(result.camera, result.uncertainty.covariance, np.radians([30.0, 60.0, 80.0]))
+        for result in (once, many)
+    )
+    assert many.views == len(poses)
+    assert (sigma_many > 0.4 * sigma_once).all() and (sigma_many < 0.65 * sigma_once).all()
+
+
+def test_the_second_look_knows_where_all_images_of_a_place_are():
+    rough = rough_camera(seen(np.repeat(POSES, 2, axis=0)), "ep_odd")
+    np.testing.assert_array_equal(rough.view_images, np.arange(24))
+    np.testing.assert_array_equal(rough.camera_from_target[0::2], rough.camera_from_target[1::2])
+
+
+def _tripled(once: Observations) -> Observations:
+    rows = [np.flatnonzero(once.image_index == image) for image in np.repeat(np.arange(once.view_count), 3)]
+    taken = np.concatenate(rows)
+    return Observations.create(
+        once.object_points,
+        np.repeat(np.arange(len(rows)), [len(each) for each in rows]),
+        once.point_index[taken],
+        once.pixels[taken],
+        once.image_size,
+        disc_radius=once.disc_radius,
+    )
