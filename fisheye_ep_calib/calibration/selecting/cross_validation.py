@@ -1,4 +1,4 @@
-"""k-fold cross-validation over views: how well a camera predicts boards that it was not fitted to.
+"""k-fold cross-validation over places: how well a camera predicts boards that it was not fitted to.
 
 For each fold the camera is fitted to the other views; then, with that camera frozen, the fold's poses alone are
 refitted and the residuals counted. Random halves of one set do not show an error that all distances share:
@@ -14,6 +14,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.estimating.adjustment import Adjustment, adjust, residuals, stepped
 from fisheye_ep_calib.calibration.estimating.fit import Fit, of_images, weighted_square
 from fisheye_ep_calib.calibration.estimating.normal_equations import ALMOST_UNDAMPED, solve_damped
+from fisheye_ep_calib.calibration.selecting.independent_views import places
 
 FOLDS = 5
 _FAR_STEP = 0.02  # share of the cost: a larger step than this is followed by further ones
@@ -52,19 +53,25 @@ class CrossValidation:
         return float(ratio.mean()), float(ratio.std(ddof=1) / np.sqrt(len(ratio)))
 
 
-def fold_of_view(views: int, folds: int = FOLDS) -> np.ndarray:
-    """Fold number (V,) of each view: a fixed shuffle, so that folds do not follow the recording."""
-    number = np.empty(views, dtype=int)
-    number[np.random.default_rng(0).permutation(views)] = np.arange(views) % folds
-    return number
+def fold_of_view(place: np.ndarray) -> np.ndarray:
+    """Fold number (V,) of each view, by the place (V,) of each: a fixed shuffle that does not follow the recording.
+
+    Folds are over places: a twin of a left-out view among the others would answer for it. Fewer than ten places are
+    left out one by one.
+    """
+    count = int(place.max()) + 1
+    if count < 2:
+        place, count = np.arange(len(place)), len(place)
+    folds = FOLDS if count >= 2 * FOLDS else count
+    number = np.empty(count, dtype=int)
+    number[np.random.default_rng(0).permutation(count)] = np.arange(count) % folds
+    return number[place]
 
 
 def cross_validate(fit: Fit) -> CrossValidation:
     """Cross-validate a fit's structure; the folds are the same for every structure on the same views."""
-    views = len(fit.sightings.images)
-    folds = FOLDS if views >= 2 * FOLDS else views
-    number = fold_of_view(views, folds)
-    found = [held_out_error(_fit_without(fit, number == fold), fit, number == fold) for fold in range(folds)]
+    number = fold_of_view(places(fit.sightings))
+    found = [held_out_error(_fit_without(fit, number == fold), fit, number == fold) for fold in np.unique(number)]
     return CrossValidation(*np.array(found, dtype=float).T)
 
 

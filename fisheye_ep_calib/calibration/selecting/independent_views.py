@@ -19,13 +19,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings
 from fisheye_ep_calib.calibration.estimating.prediction import predict
 from fisheye_ep_calib.calibration.observations import Observations
 
 _NEARBY = 0.005  # of the image's longer side: points further apart are not the same
+_SAME_PLACE = 0.01  # of the image's longer side, likewise
 _COMMON = 0.5  # of the points of the view that has fewer: less in common is another view
 _FEWEST_COMMON = 6  # points: fewer hardly tell a motion from noise
+_PAIRED = 0.1  # of the distance between neighbouring points: what differs by more is not the same point
 _MEDIAN_TO_SIGMA = 1.4826  # of the absolute values of a Gaussian
 
 
@@ -73,6 +75,29 @@ def without_resting_views(fit: Fit) -> IndependentViews:
     if not groups:
         return IndependentViews(observations, {})
     return IndependentViews(_averaged(observations, place, point), {group[0]: group for group in groups})
+
+
+def places(sightings: Sightings) -> np.ndarray:
+    """Number (V,) of the place of each view: views whose points have nearly the same middle and spread in the image.
+
+    They differ by more than noise, and so are views of their own; but what is wrong with one of them is wrong with the
+    others, so that one cannot bear witness for another.
+    """
+    observations = sightings.observations
+    used = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
+    view = np.searchsorted(sightings.images, observations.image_index[used])
+    count = np.bincount(view)[:, None]
+    moments = [observations.pixels[used] ** power for power in (1, 2)]
+    middle, square = (
+        np.stack([np.bincount(view, part[:, axis]) for axis in range(2)], axis=-1) / count for part in moments
+    )
+    spread = np.sqrt(np.maximum(square - middle**2, 0.0))
+    near = _neighbours(np.concatenate([middle, spread], axis=1), _SAME_PLACE * max(observations.image_size))
+    number = np.full(len(near), -1)
+    for first, candidates in enumerate(near):
+        if number[first] < 0:
+            number[[view for view in candidates if number[view] < 0]] = number.max() + 1
+    return number
 
 
 class _PointsOfViews:
@@ -128,7 +153,7 @@ class _PointsOfViews:
         moved = columns @ np.linalg.lstsq(columns, difference, rcond=None)[0]
         noise = _MEDIAN_TO_SIGMA * float(np.median(np.abs(difference - moved)))
         # Where nothing differs at all, rounding alone is left on both sides.
-        if float(np.sqrt((moved**2).mean())) > max(noise, 1e-9):
+        if noise > _PAIRED * self._pitch(rows_a) or float(np.sqrt((moved**2).mean())) > max(noise, 1e-9):
             return None
         names = self._point_index[rows_b]
         if np.array_equal(names[common], self._point_index[partner]):
@@ -136,6 +161,11 @@ class _PointsOfViews:
         names = np.full(len(rows_b), -1)
         names[common] = self._point_index[partner]
         return names
+
+    def _pitch(self, rows: np.ndarray) -> float:
+        """Median distance, px, of a view's points to their nearest neighbours."""
+        distance, _ = cKDTree(self._pixels[rows]).query(self._pixels[rows], k=2)
+        return float(np.median(distance[:, 1]))
 
 
 def _neighbours(values: np.ndarray, reach: float) -> list[list[int]]:

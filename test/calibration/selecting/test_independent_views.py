@@ -10,9 +10,10 @@ import pytest
 from fisheye_ep_calib.calibration import Observations, calibrate, rough_camera
 from fisheye_ep_calib.calibration.assessing.uncertainty import pupil_sigma
 from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare
-from fisheye_ep_calib.calibration.selecting.independent_views import without_copies, without_resting_views
+from fisheye_ep_calib.calibration.selecting.cross_validation import fold_of_view
+from fisheye_ep_calib.calibration.selecting.independent_views import places, without_copies, without_resting_views
 from fisheye_ep_calib.rotation import moved_poses
-from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target
+from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target, random_poses
 
 CAMERA, TARGET, NOISE = paper_camera(), paper_target(), 0.05
 POSES = paper_poses(TARGET)[:12]
@@ -60,6 +61,12 @@ def test_images_of_a_board_at_rest_are_averaged():
 
 def test_views_that_differ_stay_apart():
     assert merged(seen(paper_poses(TARGET))).images == {}
+
+
+def test_small_boards_that_lie_alike_stay_apart():
+    """Far off, the points of one view come to lie near others of the next."""
+    poses = random_poses(TARGET, 20, 3, (0.6, 1.0), (0.0, 2.0), (5.0, 50.0))
+    assert merged(seen(poses)).images == {}
 
 
 @pytest.mark.parametrize("noises, together", [(0.2, True), (8.0, False)])
@@ -142,3 +149,17 @@ def _tripled(once: Observations) -> Observations:
         once.image_size,
         disc_radius=once.disc_radius,
     )
+
+
+def test_twins_of_a_view_share_its_fold():
+    poses = paper_poses(TARGET)
+    step = np.zeros((len(poses), 6))
+    step[:, 3] = 5 * np.linalg.norm(poses[:, :3, 3], axis=1) / CAMERA.fx
+    sightings = prepare(seen(np.concatenate([poses, moved_poses(poses, step)])))
+    fold = fold_of_view(places(sightings))
+    np.testing.assert_array_equal(fold[: len(poses)], fold[len(poses) :])
+    assert np.bincount(fold).tolist() == [10] * 5
+
+
+def test_folds_of_views_that_all_differ():
+    assert sorted(np.bincount(fold_of_view(places(prepare(seen(paper_poses(TARGET))))))) == [5] * 5
