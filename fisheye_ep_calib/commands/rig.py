@@ -55,6 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help=f"images within it are of the same time (default: {USUAL_TOLERANCE:g}); more where the target stood still",
     )
+    parser.add_argument(
+        "--time-offset",
+        choices=("none", "auto"),
+        default="none",
+        help="auto: the cameras' clocks differ by constants, which are found by how the target moved (default: none)",
+    )
     parser.add_argument("--max-moments", type=int, default=150, metavar="N", help="look at N times (default: 150)")
     parser.add_argument("--strict", action="store_true", help="refuse damaged recordings and images")
     parser.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
@@ -91,6 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         tolerance=0.0 if numbered else arguments.tolerance,
         unmistakable=arguments.unmistakable or all(one.unmistakable for one in seen.values()),
         warp_free=arguments.board_warp,
+        find_clocks=arguments.time_offset == "auto",
     )
     topics = {name: one.topic for name, one in seen.items() if one.topic}
     beside = {name: os.path.relpath(path, arguments.output) for name, path in paths.items()}
@@ -142,6 +149,11 @@ def _text(rig: RigCalibration, output: Path) -> str:
         if len(rig.paths[number]) > 2:
             lines.append(f"    joined through {', '.join(rig.names[step] for step in rig.paths[number][1:-1])}")
     lines += [f"  {rig.names[pair.a]} and {rig.names[pair.b]}: {pair.views} common views" for pair in rig.pairs]
+    lines += [
+        f"  the clock of {name} is {1e-6 * abs(ns):.3f} ms {'ahead of' if ns > 0 else 'behind'} that of {rig.names[0]}"
+        for name, ns in zip(rig.names, rig.clock_offsets_ns, strict=True)
+        if ns
+    ]
     if np.any(rig.board_warp):
         bow = ", ".join(f"{1e3 * value:+.3f}" for value in rig.board_warp)
         lines.append(f"  board warp (x, y, twist): {bow} mm")

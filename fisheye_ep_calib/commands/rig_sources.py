@@ -18,10 +18,10 @@ from fisheye_ep_calib.collection.workers import FrameWorkers, Job
 from fisheye_ep_calib.commands.sources import camera_name, safe_name
 from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.rig.synchronisation import simultaneous, stamps_of_names
+from fisheye_ep_calib.rig.synchronisation import nearest_ns, numbers_of_names, simultaneous
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.recording import Recording, choose_topics, open_recording
-from fisheye_ep_calib.storage.sources.image_files import IMAGE_FILE
+from fisheye_ep_calib.storage.sources.image_names import times_in_names
 from fisheye_ep_calib.target import Target, load_target
 
 _RECORDED_WITHIN = 50_000_000  # ns: images of one moment may be recorded this much later than others
@@ -65,10 +65,11 @@ def _from_files(names: Sequence[str], files: Sequence[Path]) -> dict[str, Seen]:
     seen = {}
     for name in names:
         observations = load_observations(by_name[name])
-        try:
-            stamps, numbered = stamps_of_names(observations.image_names), False
-        except InputError:
-            stamps, numbered = _numbers_of_names(observations.image_names, by_name[name]), True
+        times = times_in_names(observations.image_names)
+        numbered = times is None
+        stamps = (
+            _numbers_of_names(observations.image_names, by_name[name]) if times is None else np.array(times, np.int64)
+        )
         seen[name] = Seen(observations, stamps, "", numbered, False)
     if len({one.numbered for one in seen.values()}) > 1:
         raise InputError("the images of some cameras are named by their time, those of others are not")
@@ -90,15 +91,11 @@ def _numbers_of_names(names: Sequence[str], path: Path) -> np.ndarray:
 
 def _from_recording(names, recording: Recording, target: Target, arguments: argparse.Namespace) -> dict[str, Seen]:
     topics = _topics(names, recording, arguments.topic)
-    numbered = {recording.topics[topic] == IMAGE_FILE for topic in topics.values()}
-    if len(numbered) > 1:
-        raise InputError("folders of images and bags cannot be matched in time")
-    within = 0 if True in numbered else max(_RECORDED_WITHIN, round(arguments.tolerance * 1e9))
-    stamps = [np.array(recording.stamps(topic), dtype=np.int64) for topic in topics.values()]
-    moments = simultaneous(stamps, within)
-    moments = moments[(moments >= 0).sum(axis=1) > 1]
-    if len(moments) == 0:
-        raise InputError("no two cameras have images of the same time in this recording")
+    stamps, numbered = _stamps(topics, recording)
+    auto = arguments.time_offset == "auto"
+    if auto and numbered:
+        raise InputError("--time-offset is for images with times; these are paired by their numbers or their order")
+    moments = _moments(list(topics), stamps, numbered, auto, arguments.tolerance)
     found = _look(recording, target, list(topics.values()), moments, arguments)
     seen = {}
     for camera, (name, topic) in enumerate(topics.items()):
@@ -106,13 +103,75 @@ def _from_recording(names, recording: Recording, target: Target, arguments: argp
             topic, recording.count(topic), without_strays([found[camera][i] for i in sorted(found[camera])])
         )
         print(run.summary(), file=sys.stderr)
-        taken = np.array([recording.frame(topic, view.index).taken_ns for view in run.views], dtype=np.int64)
         observations = run.observations(target.object_points, target.disc_radius)
-        if True not in numbered:  # by the camera's clock, so that saved observations can be matched too
+        if numbered:
+            taken = stamps[camera][[view.index for view in run.views]]
+        else:  # by the camera's clock, so that saved observations can be matched too
+            taken = np.array([recording.frame(topic, view.index).taken_ns for view in run.views], dtype=np.int64)
             by_time = tuple(f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in taken.tolist())
             observations = replace(observations, image_names=by_time)
-        seen[name] = Seen(observations, taken, topic, True in numbered, target.unmistakable)
+        seen[name] = Seen(observations, taken, topic, numbered, target.unmistakable)
     return seen
+
+
+def _stamps(topics: dict[str, str], recording: Recording) -> tuple[list[np.ndarray], bool]:
+    """When each camera's images were recorded, or numbers that are equal for images of the same time; which of the two.
+
+    Raises InputError where neither is known.
+    """
+    timed = {recording.timed(topic) for topic in topics.values()}
+    if len(timed) > 1:
+        raise InputError("images with times, of bags or in names, cannot be matched with numbered ones")
+    stamps = [np.array(recording.stamps(topic), dtype=np.int64) for topic in topics.values()]
+    if timed == {True}:
+        return stamps, False
+    counts = [len(one) for one in stamps]
+    names = [
+        [recording.frame(topic, i).name for i in range(n)] for topic, n in zip(topics.values(), counts, strict=True)
+    ]
+    numbers = numbers_of_names(names)
+    if numbers is not None:
+        if len(set(counts)) > 1:
+            print("note: images are paired by the numbers in their names", file=sys.stderr)
+        return numbers, True
+    if len(set(counts)) > 1:
+        listed = ", ".join(f"{name} {count}" for name, count in zip(topics, counts, strict=True))
+        raise InputError(
+            f"which images are of the same time? Their names hold neither times nor numbers that go together, and "
+            f"their counts differ ({listed}): name them by time or number"
+        )
+    print("note: images have no times: they are paired by their order", file=sys.stderr)
+    return stamps, True
+
+
+def _moments(
+    names: Sequence[str], stamps: Sequence[np.ndarray], numbered: bool, auto: bool, tolerance: float
+) -> np.ndarray:
+    """Image numbers (m, C) of moments in which two cameras have an image, −1 for none. Raises InputError without any.
+
+    auto: the clocks may differ; images are then taken by their order where none are of the same time.
+    """
+    within = 0 if numbered else max(_RECORDED_WITHIN, round(tolerance * 1e9))
+    moments = simultaneous(stamps, within)
+    moments = moments[(moments >= 0).sum(axis=1) > 1]
+    least = min(map(len, stamps))
+    if auto and 2 * len(moments) < least:
+        moments = np.stack([np.linspace(0, len(one) - 1, least).round().astype(int) for one in stamps], axis=1)
+    if len(moments) == 0:
+        gaps = [
+            (nearest_ns(stamps[a], stamps[b]), names[a], names[b])
+            for a in range(len(stamps))
+            for b in range(a + 1, len(stamps))
+        ]
+        gap, a, b = min(gaps)
+        said = "no two cameras have images of the same time"
+        if not numbered:
+            said += (
+                f": those of {a} and {b} are {1e-9 * gap:.3f} s apart at least; --tolerance SECONDS where the target "
+                "stood still, --time-offset auto where the clocks differ"
+            )
+        raise InputError(said)
+    return moments
 
 
 def _topics(names: Sequence[str], recording: Recording, given: Sequence[str]) -> dict[str, str]:

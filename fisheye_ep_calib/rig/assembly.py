@@ -17,6 +17,10 @@ MIN_COMMON_VIEWS = 3
 _DISAGREES = 0.2  # of the distance: a camera that sees the target elsewhere by more saw another moment
 
 
+class ContradictoryViews(CalibrationError):
+    """The common views of two cameras say different things of where they are to each other, or there are too few."""
+
+
 @dataclass(frozen=True)
 class CameraPoses:
     """The target as one camera sees it. camera_from_target: by image number, (4, 4). points: sightings, by image."""
@@ -54,10 +58,11 @@ def assemble(
     Raises CalibrationError where the views do not join all cameras.
     """
     moments = np.where(_has_pose(cameras, moments), moments, -1)
-    pairs = relative_poses(cameras, moments, symmetries)
+    found = relative_poses(cameras, moments, symmetries)
+    pairs = {pair: pose for pair, pose in found.items() if enough_agree(pose.views, pose.common)}
     chains = join(pairs, len(cameras))
     if chains is None:
-        raise CalibrationError(_not_joined(names, pairs, moments))
+        raise ContradictoryViews(_not_joined(names, found, pairs, moments))
     for camera, before in enumerate(chains.before):
         if before >= 0 and pairs[min(camera, before), max(camera, before)].ambiguous:
             raise CalibrationError(
@@ -70,7 +75,7 @@ def assemble(
 def relative_poses(
     cameras: Sequence[CameraPoses], moments: np.ndarray, symmetries: Sequence[Symmetry]
 ) -> dict[tuple[int, int], PairPose]:
-    """The relative pose of every pair (a, b), a < b, with enough common views that agree."""
+    """The relative pose of every pair (a, b), a < b, with enough common views, whether these agree or not."""
     points = cameras[0].observations.object_points
     pairs = {}
     for a in range(len(cameras)):
@@ -79,10 +84,32 @@ def relative_poses(
             if len(common) < MIN_COMMON_VIEWS:
                 continue
             of_a, of_b = (np.stack([cameras[c].camera_from_target[image] for image in common[:, c]]) for c in (a, b))
-            pair = pair_pose(of_a, of_b, symmetries, points)
-            if pair.views >= MIN_COMMON_VIEWS:
-                pairs[a, b] = pair
+            pairs[a, b] = pair_pose(of_a, of_b, symmetries, points)
     return pairs
+
+
+def enough_agree(agreeing: int, common: int) -> bool:
+    """Whether two cameras' common views say where they are to each other: three do, and most of them."""
+    return agreeing >= MIN_COMMON_VIEWS and 2 * agreeing > common
+
+
+def contradiction(a: str, b: str, agreeing: int, common: int) -> str:
+    """What is said of two cameras whose views do not agree enough."""
+    return (
+        f"{common - agreeing} of {common} common views of {a} and {b} contradict each other: are the clocks the same, "
+        "and the cameras fixed to one another?"
+    )
+
+
+def refuse_contradictions(assembly: Assembly, names: Sequence[str]) -> None:
+    """Raise ContradictoryViews where too few of the views that were to join two cameras are left."""
+    for camera, before in enumerate(assembly.chains.before):
+        if before >= 0:
+            a, b = sorted((camera, before))
+            left = int((assembly.moments[:, [a, b]] >= 0).all(axis=1).sum())
+            common = assembly.pairs[a, b].common
+            if not enough_agree(left, common):
+                raise ContradictoryViews(contradiction(names[a], names[b], left, common))
 
 
 def _has_pose(cameras: Sequence[CameraPoses], moments: np.ndarray) -> np.ndarray:
@@ -91,7 +118,19 @@ def _has_pose(cameras: Sequence[CameraPoses], moments: np.ndarray) -> np.ndarray
     ).reshape(moments.shape)
 
 
-def _not_joined(names: Sequence[str], pairs: dict[tuple[int, int], PairPose], moments: np.ndarray) -> str:
+def _not_joined(
+    names: Sequence[str],
+    found: dict[tuple[int, int], PairPose],
+    pairs: dict[tuple[int, int], PairPose],
+    moments: np.ndarray,
+) -> str:
+    said = [
+        contradiction(names[a], names[b], pose.views, pose.common)
+        for (a, b), pose in found.items()
+        if (a, b) not in pairs
+    ]
+    if said:
+        return "; ".join(said[:3])
     groups = [", ".join(names[camera] for camera in group) for group in components(list(pairs), len(names))]
     counts = [
         f"{names[a]} and {names[b]}: {int((moments[:, [a, b]] >= 0).all(axis=1).sum())}"

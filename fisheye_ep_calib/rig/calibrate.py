@@ -21,7 +21,14 @@ from fisheye_ep_calib.rig.adjustment import (
     camera_views,
     rig_residuals,
 )
-from fisheye_ep_calib.rig.assembly import Assembly, CameraPoses, assemble
+from fisheye_ep_calib.rig.assembly import (
+    Assembly,
+    CameraPoses,
+    ContradictoryViews,
+    assemble,
+    refuse_contradictions,
+)
+from fisheye_ep_calib.rig.clocks import clocks_of_rig
 from fisheye_ep_calib.rig.result import RigCalibration, RigPair
 from fisheye_ep_calib.rig.symmetry import no_symmetry, symmetries
 from fisheye_ep_calib.rig.synchronisation import nearest_ns, simultaneous
@@ -55,21 +62,60 @@ def calibrate_rig(
     free_cameras: bool = False,
     board_warp: np.ndarray | None = None,
     warp_free: bool = False,
+    find_clocks: bool = False,
 ) -> RigCalibration:
     """Each camera's pose in the first one's frame. tolerance: seconds within which images are of the same time.
 
     unmistakable: no detector can take the target for itself turned. free_cameras: the cameras' parameters are refined
     too, those with a covariance above zero, or all. board_warp (3,): the target's bow, metres; warp_free: it is
-    refined. Raises CalibrationError.
+    refined. find_clocks: the cameras' clocks differ by constants, which the views tell. Raises CalibrationError.
     """
     _check(cameras)
     bow = np.zeros(len(WARP_NAMES)) if board_warp is None else np.asarray(board_warp, dtype=float)
-    moments = _moments(cameras, tolerance)
     poses = [_poses(one, bow) for one in cameras]
     points = cameras[0].observations.object_points
     turns = no_symmetry(points) if unmistakable else symmetries(points)
     names = [one.name for one in cameras]
-    assembly = assemble(poses, names, moments, turns, keep_single=free_cameras)
+    of_poses = [one.camera_from_target for one in poses]
+
+    def clocks() -> list[int | None]:
+        stamps = [one.stamps_ns for one in cameras]
+        return clocks_of_rig(stamps, of_poses, turns, points, round(tolerance * 1e9))
+
+    clock = clocks() if find_clocks else [0] * len(cameras)
+    corrected = [_by_first_clock(one, names[0], ns) for one, ns in zip(cameras, clock, strict=True)]
+    try:
+        assembly = assemble(poses, names, _moments(corrected, tolerance), turns, keep_single=free_cameras)
+        found, assembly, problem, wrong = _fit(cameras, assembly, bow, free_cameras, warp_free)
+    except ContradictoryViews as error:
+        raise CalibrationError(f"{error}{'' if find_clocks else _said_of_clocks(names, clocks())}") from None
+    known = None if free_cameras else [one.covariance for one in cameras]
+    return _result(cameras, assembly, problem, found, wrong, known, tuple(ns or 0 for ns in clock))
+
+
+def _by_first_clock(one: RigCamera, first: str, offset_ns: int | None) -> RigCamera:
+    if offset_ns is None:
+        raise CalibrationError(
+            f"no constant difference of the clocks makes the views of {one.name} and {first} agree, or the target "
+            "moved too little to tell: move it more where both see it"
+        )
+    return replace(one, stamps_ns=np.asarray(one.stamps_ns, dtype=np.int64) - offset_ns)
+
+
+def _said_of_clocks(names: Sequence[str], clocks: Sequence[int | None]) -> str:
+    """What a constant difference of the clocks would mend, in words that follow an error."""
+    ahead = [
+        f"{name}'s clock {1e-6 * abs(ns):.1f} ms {'ahead of' if ns > 0 else 'behind'} {names[0]}'s"
+        for name, ns in zip(names, clocks, strict=True)
+        if ns
+    ]
+    return f" With {', '.join(ahead)} they agree (--time-offset auto, find_clocks)" if ahead else ""
+
+
+def _fit(cameras: Sequence[RigCamera], assembly: Assembly, bow: np.ndarray, free_cameras: bool, warp_free: bool):
+    """The adjusted rig, and what it was adjusted to once views that contradict the others were left out."""
+    names = [one.name for one in cameras]
+    refuse_contradictions(assembly, names)
     free = [_free(one) if free_cameras else np.zeros(len(one.camera.parameters), bool) for one in cameras]
     state = RigState(
         tuple(one.camera for one in cameras),
@@ -80,10 +126,10 @@ def calibrate_rig(
     problem = _problem(assembly, free, warp_free)
     state = adjust_rig(replace(problem, loss=_loss(problem, state, "cauchy")), state, max_iterations=30).state
     assembly, state, wrong = _without_wrong_views(assembly, problem, state, least=1 if free_cameras else 2)
+    refuse_contradictions(assembly, names)
     problem = _problem(assembly, free, warp_free)
     problem = replace(problem, loss=_loss(problem, state, "huber"))
-    found = adjust_rig(problem, state)
-    return _result(cameras, assembly, problem, found, wrong, None if free_cameras else [c.covariance for c in cameras])
+    return adjust_rig(problem, state), assembly, problem, wrong
 
 
 def _check(cameras: Sequence[RigCamera]) -> None:
@@ -119,7 +165,8 @@ def _moments(cameras: Sequence[RigCamera], tolerance: float) -> np.ndarray:
         gap, a, b = min(gaps, default=(np.inf, cameras[0].name, cameras[1].name))
         raise CalibrationError(
             f"no two cameras saw the target within {1e3 * tolerance:g} ms of each other; the nearest two images, of "
-            f"{a} and {b}, are {1e3 * gap:.1f} ms apart: widen the tolerance if the target was held still"
+            f"{a} and {b}, are {1e3 * gap:.1f} ms apart: widen --tolerance if the target was held still, "
+            "or have the clocks compared: --time-offset auto, find_clocks"
         )
     return moments
 
@@ -187,7 +234,7 @@ def _without_wrong_views(assembly: Assembly, problem: RigProblem, state: RigStat
     state = replace(state, reference_from_target=state.reference_from_target[kept])
     for camera in range(moments.shape[1]):
         if not (assembly.moments[:, camera] >= 0).any():
-            raise CalibrationError("the common views contradict each other: were all cameras fixed to one another?")
+            raise ContradictoryViews("the common views contradict each other: were all cameras fixed to one another?")
     return assembly, state, tuple(wrong)
 
 
@@ -198,6 +245,7 @@ def _result(
     found: Minimum[RigState],
     wrong: tuple[tuple[int, int], ...],
     covariances,
+    clock_offsets_ns: tuple[int, ...],
 ) -> RigCalibration:
     state = found.state
     lengths = [one[np.isfinite(one)] for one in _lengths(problem, state)]
@@ -231,4 +279,5 @@ def _result(
         left_out=tuple((camera, names[camera][image]) for camera, image in (*assembly.left_out, *wrong)),
         board_warp=state.board_warp,
         converged=found.converged,
+        clock_offsets_ns=clock_offsets_ns,
     )

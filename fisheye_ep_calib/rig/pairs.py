@@ -14,7 +14,7 @@ import numpy as np
 
 from fisheye_ep_calib.rig.symmetry import Symmetry
 
-_OUTLIER = 0.2  # of the distance to the target: poses that differ by more agree on nothing
+WORST_DISAGREEMENT = 0.2  # of the distance to the target: poses that differ by more agree on nothing
 _OTHER = 0.10  # of that distance: answers that differ by more are different answers
 _CLEAR = 2.0  # the best answer fits this many times better than the next one
 
@@ -23,13 +23,14 @@ _CLEAR = 2.0  # the best answer fits this many times better than the next one
 class PairPose:
     """a_from_b (4, 4). views: how many agree on it. disagreement: RMS of those, as a fraction of the distance.
 
-    ambiguous: another answer fits as well, because the target looks the same turned.
+    ambiguous: another answer fits as well, because the target looks the same turned. common: how many views there are.
     """
 
     a_from_b: np.ndarray
     views: int
     disagreement: float
     ambiguous: bool
+    common: int = 0
 
 
 def pair_pose(
@@ -44,17 +45,17 @@ def pair_pose(
     disagreement = np.stack(
         [_disagreement(candidate, turned, b_from_target, points) for candidate in candidates.reshape(-1, 4, 4)]
     )
-    square = np.minimum(disagreement, _OUTLIER) ** 2
+    square = np.minimum(disagreement, WORST_DISAGREEMENT) ** 2
     best = int(np.argmin(square.mean(axis=1)))
     chosen = candidates.reshape(-1, 4, 4)[best]
-    agreeing = disagreement[best] < _OUTLIER
+    agreeing = disagreement[best] < WORST_DISAGREEMENT
     cost = square[:, agreeing].mean(axis=1)
     ambiguous = False
     if len(symmetries) > 1:
         apart = _apart(candidates.reshape(-1, 4, 4), chosen, b_from_target, points)
         others = cost[apart > _OTHER]
         ambiguous = bool(len(others) and others.min() < _CLEAR**2 * cost[best] + 1e-12)
-    return PairPose(chosen, int(agreeing.sum()), float(np.sqrt(cost[best])), ambiguous)
+    return PairPose(chosen, int(agreeing.sum()), float(np.sqrt(cost[best])), ambiguous, len(agreeing))
 
 
 def best_symmetry(

@@ -31,7 +31,7 @@ class RigCalibration:
     rad and metres; zero for the reference. paths: the chain of overlaps from the reference to each camera.
     moments: times at which two cameras or more saw the target (one, where the cameras were refined too).
     views, camera_rms_px: by camera. left_out: (camera, image name) that fit no one position of the target.
-    board_warp (3,): metres.
+    board_warp (3,): metres. clock_offsets_ns: each camera's clock less the first one's, zeros where not compared.
     """
 
     names: tuple[str, ...]
@@ -47,6 +47,7 @@ class RigCalibration:
     left_out: tuple[tuple[int, str], ...]
     board_warp: np.ndarray
     converged: bool
+    clock_offsets_ns: tuple[int, ...]
 
     @property
     def rotation_sigma(self) -> np.ndarray:
@@ -73,6 +74,7 @@ class RigCalibration:
             "moments": self.moments,
             "converged": self.converged,
             "cameras": {name: self._camera_dict(number) for number, name in enumerate(self.names)},
+            "clock_offsets_s": {name: 1e-9 * ns for name, ns in zip(self.names, self.clock_offsets_ns, strict=True)},
             "overlaps": [
                 {"cameras": [self.names[pair.a], self.names[pair.b]], "views": pair.views} for pair in self.pairs
             ],

@@ -50,6 +50,25 @@ def nearest_ns(one: np.ndarray, other: np.ndarray) -> int:
     return int(np.minimum(np.abs(other - before), np.abs(after - other)).min())
 
 
+def numbers_of_names(names: Sequence[Sequence[str]]) -> list[np.ndarray] | None:
+    """Of each camera's images, the last number in each name (V_c,); None where these do not go together.
+
+    They do where every image has a number of its own, and most of each camera's are another's too.
+    """
+    numbers = []
+    for of_camera in names:
+        found = [re.findall(r"\d{1,18}", re.sub(r"\.\w{1,5}$", "", name)) for name in of_camera]
+        if not all(found):
+            return None
+        numbers.append(np.array([int(digits[-1]) for digits in found], dtype=np.int64))
+    if any(len(np.unique(one)) < len(one) for one in numbers):
+        return None
+    for one in numbers:
+        if not any(2 * np.isin(one, other).sum() > len(one) for other in numbers if other is not one):
+            return None
+    return numbers
+
+
 def stamps_of_names(names: Sequence[str]) -> np.ndarray:
     """Nanoseconds (V,) from images' names as recordings give them, seconds.nanoseconds. Raises InputError."""
     stamps = []

@@ -190,6 +190,21 @@ def test_views_of_another_moment_are_left_out() -> None:
     assert errors(rig.reference_from_camera[1], PLACES[1])[1] < 5e-5
 
 
+def test_views_most_of_which_contradict_each_other_are_refused() -> None:
+    """Paired with the next image: a few views agree by chance, or because the target stood still."""
+    poses = targets_between(PLACES[0], PLACES[1], DISCS, 23, seed=8)
+    poses[8:12] = poses[8]
+    one, other = see(cameras(2), PLACES[:2], DISCS, poses)
+    late = replace(other, stamps_ns=other.stamps_ns + PERIOD_NS)
+    said = r"of 22 common views of front and left contradict each other.*left's clock (99|100)\.\d ms ahead"
+    with pytest.raises(CalibrationError, match=said):
+        calibrate_rig([one, late])
+    rig = calibrate_rig([one, late], find_clocks=True)
+    assert abs(rig.clock_offsets_ns[1] - PERIOD_NS) < 10**6
+    assert errors(rig.reference_from_camera[1], PLACES[1])[1] < 1e-4
+    assert calibrate_rig([one, other]).clock_offsets_ns == (0, 0)
+
+
 def test_a_target_that_never_moved_is_refused_unless_it_is_unmistakable() -> None:
     poses = np.repeat(targets_between(PLACES[0], PLACES[1], DISCS, 1, seed=9), 6, axis=0)
     seen = see(cameras(2), PLACES[:2], DISCS, poses)

@@ -15,7 +15,7 @@ from simulated_rig import NAMES, cameras, errors, place, see, targets_between, w
 from fisheye_ep_calib.cli import main
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.simulation import Imaging, StampedImage, paper_target, render, write_bag
-from fisheye_ep_calib.storage.observation_file import save_observations
+from fisheye_ep_calib.storage.observation_file import load_observations, save_observations
 from fisheye_ep_calib.storage.rig_file import load_rig
 
 DISCS = paper_target()
@@ -122,15 +122,65 @@ def test_a_bag(rendered, tmp_path, capsys) -> None:
     assert np.allclose(again.reference_from_camera["left"], found.reference_from_camera["left"], atol=1e-9)
 
 
-def test_folders_of_numbered_images(rendered, tmp_path, capsys) -> None:
+FOLDERS = {  # names of the two cameras' images, and how many are common, or why that is not known
+    "numbers": ([f"{i}.png" for i in range(5)], [f"{i}.png" for i in range(5)], 5),
+    "numbers, the first is missing": ([f"a{i}.png" for i in range(5)], [None, *(f"b{i}.png" for i in range(1, 5))], 4),
+    "microseconds, the first is missing": (
+        [f"{START_NS // 1000 + 50000 * i}.png" for i in range(5)],
+        [None, *(f"{START_NS // 1000 + 50000 * i + 300}.png" for i in range(1, 5))],
+        4,
+    ),
+    "order": (["one.png", "two.png", "ui.png", "vi.png", "xi.png"], [f"{x}.png" for x in "pqrst"], 5),
+    "no order": (
+        ["one.png", "two.png", "ui.png", "vi.png", None],
+        ["p.png", "q.png", "r.png", "s.png", "t.png"],
+        "front 4",
+    ),
+    "far apart": (
+        [f"{START_NS + 10**9 * i}.png" for i in range(5)],
+        [f"{START_NS + 10**9 * i + 3 * 10**8}.png" for i in range(5)],
+        "front and left are 0.300 s apart at least; --tolerance",
+    ),
+}
+
+
+@pytest.mark.parametrize("names", FOLDERS)
+def test_folders_of_images(rendered, tmp_path, capsys, names) -> None:
     models, images = rendered
-    for name, of_camera in zip(NAMES, images, strict=False):
+    *of_cameras, expected = FOLDERS[names]
+    for name, files, of_camera in zip(NAMES, of_cameras, images, strict=False):
         (tmp_path / "images" / name).mkdir(parents=True)
-        for moment, image in enumerate(of_camera):
-            cv2.imwrite(str(tmp_path / "images" / name / f"{moment}.png"), image)
-    arguments = prepare(tmp_path, models)
-    assert main(["rig", str(tmp_path / "images"), *arguments, "--output", str(tmp_path / "out")]) == 0
-    assert "5 common views" in capsys.readouterr().out
+        for file, image in zip(files, of_camera, strict=True):
+            if file is not None:
+                cv2.imwrite(str(tmp_path / "images" / name / file), image)
+    arguments = ["rig", str(tmp_path / "images"), *prepare(tmp_path, models), "--output", str(tmp_path / "out")]
+    if isinstance(expected, str):
+        assert main(arguments) == 2
+        assert expected in capsys.readouterr().err
+        return
+    assert main(arguments) == 0
+    captured = capsys.readouterr()
+    assert f"{expected} common views" in captured.out
+    assert ("paired by" in captured.err) == (names not in ("numbers", "microseconds, the first is missing"))
+    found = load_rig(tmp_path / "out" / "rig.yaml")
+    assert errors(found.reference_from_camera["left"], PLACES[1])[1] < 3e-4
+
+
+def test_clocks_that_differ_are_found(three_cameras, tmp_path, capsys) -> None:
+    """One camera's clock is 3.7 s ahead: some of its images still fall on others of the first, and contradict them."""
+    file = tmp_path / "left.npz"
+    seen = load_observations(file)
+    times = [int(name.replace(".", "")) + 37 * 10**8 for name in seen.image_names]
+    names = tuple(f"{time // 10**9}.{time % 10**9:09d}" for time in times)
+    save_observations(file, replace(seen, image_names=names))
+    assert main([*three_cameras, "--output", str(tmp_path / "no")]) == 1
+    assert "--time-offset auto" in capsys.readouterr().err
+    assert main([*three_cameras, "--output", str(tmp_path / "yes"), "--time-offset", "auto", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert abs(json.loads(captured.out)["clock_offsets_s"]["left"] - 3.7) < 2e-3
+    assert "the clock of left is 3" in captured.err and "ahead of that of front" in captured.err
+    found = load_rig(tmp_path / "yes" / "rig.yaml")
+    assert all(errors(found.reference_from_camera[name], PLACES[i])[1] < 1e-4 for i, name in enumerate(NAMES))
 
 
 @pytest.mark.parametrize(
