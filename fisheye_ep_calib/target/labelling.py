@@ -65,6 +65,7 @@ def label_patch(
     is_plain: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     least: float | None = None,
     turns: Sequence[Placement] = (IDENTITY,),
+    preferred: Callable[[Placement], float] = lambda placement: 0.0,
 ) -> Labels:
     """Lay a patch onto the target's lattice.
 
@@ -73,10 +74,12 @@ def label_patch(
     higher is better, −inf is impossible. is_plain(pixels (m, 2), scale (m,)): whether the image is plain
     board there, m sites next to the patch. least: the target has an identity: what the best placement must have
     of it at least, and clearly more than all others; else nothing is labelled. turns: those that leave the target as
-    it is, the identity among them: what differs by one of them is no other placement.
+    it is, the identity among them: what differs by one of them is no other placement. preferred: marks a placement by
+    a convention; higher is better.
 
     The most points win, then identity, then the placement that expects no feature where the image shows plain
-    board. What is still ambiguous is settled by the target's x axis pointing to the right in the image.
+    board, then the convention. What is still ambiguous is settled by the target's x axis pointing to the right in the
+    image.
     """
     low = lattice.min(axis=0)
     table = np.full(lattice.max(axis=0) - low + 1, -1)
@@ -98,7 +101,8 @@ def label_patch(
             continue
         contradictions = int((_look_up(table, placement(plain) - low) >= 0).sum())
         first = identity - (0 if least is None else contradictions)
-        ranked.append(((first, identity, count, -contradictions, _rightward(cells, pixels, placement)), placement))
+        convention = preferred(placement), _rightward(cells, pixels, placement)
+        ranked.append(((first, identity, count, -contradictions, *convention), placement))
     if not ranked:
         return unknown
     ranked.sort(key=lambda entry: entry[0], reverse=True)

@@ -10,6 +10,7 @@ from detection_scores import evaluate, same_lattice
 from fisheye_ep_calib.simulation import Imaging, feature_pixels, look_pose, paper_camera, render
 from fisheye_ep_calib.simulation.evaluation_set import evaluation_set
 from fisheye_ep_calib.target import load_target, parse_target
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 
 CAMERA = paper_camera()
@@ -186,6 +187,57 @@ def test_light_that_falls_off_does_not_pull_corners(name, blur, request):
         assert len(found) >= 50
         mean.append(((found.pixels - truth[index]) * outward[index]).sum(axis=1).mean())
     assert abs(mean[1] - mean[0]) < 0.002
+
+
+@pytest.mark.parametrize("columns, rows", [(7, 5), (5, 7), (8, 6), (9, 6)])
+@pytest.mark.parametrize("first", ["black", "white"])
+def test_a_chessboards_first_square_may_be_of_either_colour(columns, rows, first):
+    target = Chessboard.create("board", columns, rows, 0.016)
+    black, white = (30, 225) if first == "black" else (225, 30)
+    pose = look_pose(target, 0.8, 0.4, 0.2, tilt=0.3, roll=2.5)
+    image = render(CAMERA, target, pose, Imaging(blur=0.8, noise=2, black=black, white=white))
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    found = target.detector().detect(image)
+    assert len(found) == columns * rows
+    assert same_lattice(target, found, truth)
+    again = target.detector().detect_guided(image, CAMERA, pose)
+    assert len(again) == columns * rows
+    assert np.linalg.norm(again.pixels - truth, axis=1).max() < 0.2
+
+
+@pytest.mark.parametrize("name", ["circle_grid_11x7", "circle_grid_11x7_holed", "circle_grid_asymmetric_holed"])
+def test_light_discs_are_measured_as_dark_ones(name, request):
+    target = shipped(name, request)
+    pose = look_pose(target, 0.6, 0.4, 0.13, tilt=0.4)
+    image = render(CAMERA, target, pose, Imaging(blur=0.8, noise=2, black=225, white=30))
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    for found in (target.detector().detect(image), target.detector().detect_guided(image, CAMERA, pose)):
+        assert len(found) == len(truth)
+        assert same_lattice(target, found, truth)
+        assert np.linalg.norm(found.pixels[:, None] - truth, axis=-1).min(axis=1).max() < 0.05
+
+
+def test_lit_dots_in_the_dark_are_found():
+    """Nothing but LEDs: their ground is as dark as all else."""
+    target = load_target_named("circle_grid_11x7")
+    pose = look_pose(target, 0.4, 0.4, 0.15, tilt=0.3)
+    imaging = Imaging(blur=1.5, noise=1, black=240, white=4, background=4)
+    found = target.detector().detect(render(CAMERA, target, pose, imaging))
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    assert len(found) == 77
+    assert same_lattice(target, found, truth)
+
+
+def test_edges_that_the_camera_sharpened_are_fitted(request):
+    """Halos on both sides of every edge, as cameras draw them: steeper than any blur makes an edge."""
+    target = shipped("chessboard_9x6", request)
+    pose = look_pose(target, 0.5, 0.3, 0.3, tilt=0.3, roll=0.2)
+    image = render(CAMERA, target, pose, Imaging(blur=0.4, noise=1, black=70, white=190))
+    sharp = cv2.addWeighted(image, 2.5, cv2.GaussianBlur(image, (0, 0), 1.0), -1.5, 0)
+    truth, _ = feature_pixels(CAMERA, target, pose)
+    for found in (target.detector().detect(sharp), target.detector().detect_guided(sharp, CAMERA, pose)):
+        assert len(found) >= 52
+        assert np.median(np.linalg.norm(found.pixels - truth[found.point_index], axis=1)) < 0.1
 
 
 def load_target_named(name: str):

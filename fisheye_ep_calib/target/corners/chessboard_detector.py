@@ -50,6 +50,8 @@ class ChessboardDetector:
         self.target = target
         self.lattice = np.rint(target.object_points[:, :2] / [target.spacing, target.row_spacing]).astype(int)
         self.fewest = min(FEWEST_CORNERS, len(self.lattice))
+        # Otherwise half a turn exchanges black and white, so that every print has its top-left square black.
+        self.two_colourings = (target.columns + target.rows) % 2 == 0
 
     def detect(self, image: np.ndarray) -> Detection:
         reason = check_image(image)
@@ -100,18 +102,22 @@ class ChessboardDetector:
             return Detection(reason="board not found", rejected=rough)
         # Labelled before the last, strict checks: the larger the patch, the fewer places it fits.
         cells, pixels = grow_corners(image, cells[good], pixels[good], parity, int(self.lattice.max()) + 1)
+        colour = functools.partial(_colour_fits, parity=parity)
         labels = label_patch(
             cells,
             pixels,
             self.lattice,
-            allowed=lambda placement: _colour_fits(placement, parity),
+            allowed=(lambda placement: 0.0) if self.two_colourings else colour,
+            preferred=colour,
             is_plain=lambda sites, scale: _is_plain(image, sites, scale),
         )
+        # The lattice is judged by all that is in it: of the corners that fit well, too few may be neighbours.
+        regular = labels.known.any() and is_regular(cells[labels.known], pixels[labels.known])
         pixels, fits = _refine(image, cells, pixels, parity)
         fits &= labels.known
         if fits.any():
             fits[fits] = smooth(cells[fits], pixels[fits])
-        if fits.any() and not is_regular(cells[fits], pixels[fits]):
+        if not regular:
             fits[:] = False
         rejected = np.vstack([rough[~good], pixels[~fits]])
         if fits.sum() < self.fewest:
@@ -167,7 +173,7 @@ def _right_handed(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def _colour_fits(placement: Placement, parity: int) -> float:
-    """0 where the placement puts black squares on black ones (the top-left square is black), else −inf."""
+    """0 where the placement makes the top-left square a black one, else −inf."""
     # Twice the centre of a black square of the patch, so that it stays whole under a rotation.
     black = 2 * np.array([parity, 0]) + 1
     corner = (black @ placement.rotation.T + 2 * placement.shift - 1) // 2

@@ -28,6 +28,7 @@ def find_guided(
     bend = expect_bend(camera, camera_from_target, points[index], around.half, image.shape)
     low, high = np.floor(start.min(axis=0)).astype(int), np.ceil(start.max(axis=0)).astype(int) + 1
     image = stretched(image, image[low[1] : high[1], low[0] : high[0]])
+    around = around.coloured_as(image, start, jacobian)
     refined, good = measure_corners(image, start, jacobian, bend, around)
     if good.any():
         offset = refined[good] - start[good]

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fisheye_ep_calib.target.corners.refinement import looks_like_corner, reach_of, refine_corners
+from fisheye_ep_calib.target.corners.refinement import (
+    LEAST_CONTRAST,
+    corner_contrast,
+    looks_like_corner,
+    reach_of,
+    refine_corners,
+)
 from fisheye_ep_calib.target.corners.saddle_fit import fit_saddles
 
 
@@ -27,6 +33,16 @@ class Surroundings:
 
     def __getitem__(self, chosen: np.ndarray) -> Surroundings:
         return Surroundings(self.half[chosen], self.bright[chosen], self.depth[chosen], self.end[chosen])
+
+    def coloured_as(self, image: np.ndarray, pixels: np.ndarray, jacobian: np.ndarray) -> Surroundings:
+        """These surroundings with black and white exchanged where most corners look so about pixels (n, 2).
+
+        jacobian (n, 2, 2): pixels per metre.
+        """
+        clear = np.minimum(self.half, self.depth.min(axis=1))
+        contrast = corner_contrast(image, pixels, clear[:, None, None] * jacobian) * self.bright
+        exchanged = (contrast > LEAST_CONTRAST).sum() < (contrast < -LEAST_CONTRAST).sum()
+        return replace(self, bright=-self.bright) if exchanged else self
 
     @staticmethod
     def plain(half: np.ndarray, bright: np.ndarray) -> Surroundings:

@@ -55,6 +55,29 @@ def looks_like_corner(image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, b
     """
     if len(pixels) == 0:
         return np.zeros(0, dtype=bool)
+    values, inside = _quadrants(image, pixels, axes)
+    level = np.median(values, axis=2)
+    even, odd = level[:, 0::2], level[:, 1::2]
+    contrast = bright * (even.mean(axis=1) - odd.mean(axis=1))
+    uneven = np.maximum(np.abs(even[:, 0] - even[:, 1]), np.abs(odd[:, 0] - odd[:, 1]))
+    centred = values - values.mean(axis=(1, 2), keepdims=True)
+    spread = np.sqrt((centred**2).mean(axis=(1, 2)))
+    correlation = bright * (centred.mean(axis=2) @ [1.0, -1.0, 1.0, -1.0]) / 4
+    return inside & (contrast > LEAST_CONTRAST) & (uneven < 0.4 * contrast) & (correlation > 0.75 * spread)
+
+
+def corner_contrast(image: np.ndarray, pixels: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Grey values (k,) by which the quadrants (+, +) and (−, −) about pixels (k, 2) are brighter than the other two.
+
+    axes (k, 2, 2): half sides of the zone to look at, pixels, as columns. 0 beside the image.
+    """
+    values, inside = _quadrants(image, pixels, axes)
+    level = np.median(values, axis=2)
+    return np.where(inside, level[:, 0::2].mean(axis=1) - level[:, 1::2].mean(axis=1), 0.0)
+
+
+def _quadrants(image: np.ndarray, pixels: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (k, 4, n) in the quadrants about pixels (k, 2), and whether they all lie in the image (k,)."""
     first, second = (grid.ravel() for grid in np.meshgrid(_STEPS, _STEPS))
     plane = np.concatenate([np.stack([x * first, y * second]) for x, y in _SIGNS], axis=1)
     places = (pixels[:, :, None] + axes @ plane).astype(np.float32)
@@ -62,13 +85,4 @@ def looks_like_corner(image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, b
     height, width = image.shape
     inside = (places >= 0).all(axis=(1, 2))
     inside &= (places[:, 0] <= width - 1).all(axis=1) & (places[:, 1] <= height - 1).all(axis=1)
-    quadrants = values.reshape(len(pixels), 4, -1)
-    level = np.median(quadrants, axis=2)
-    even, odd = level[:, 0::2], level[:, 1::2]
-    contrast = bright * (even.mean(axis=1) - odd.mean(axis=1))
-    uneven = np.maximum(np.abs(even[:, 0] - even[:, 1]), np.abs(odd[:, 0] - odd[:, 1]))
-    sign = np.tile(np.repeat([1.0, -1.0], len(first)), 2)
-    centred = values - values.mean(axis=1, keepdims=True)
-    spread = np.sqrt((centred**2).mean(axis=1))
-    correlation = bright * (centred @ sign) / len(sign)
-    return inside & (contrast > LEAST_CONTRAST) & (uneven < 0.4 * contrast) & (correlation > 0.75 * spread)
+    return values.reshape(len(pixels), 4, -1), inside

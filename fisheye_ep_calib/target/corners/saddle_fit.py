@@ -26,6 +26,7 @@ from scipy.special import erf
 
 HALF_SIDES = (2, 3, 4, 5, 6, 8, 10, 12)  # of the windows, pixels
 ROUNDS = 6  # of Gauss–Newton
+SLOWER = 0.5  # of a step, once it turns back
 FIRST_BLUR = 1.0  # pixels
 MARGIN = 3.0  # σ kept away from an edge that the picture lacks, as a marker's: 0.1 % of it is left there
 MOST_MARGIN = 0.9  # of the room up to that edge, so that enough of it is seen
@@ -113,7 +114,7 @@ def _fit(image, pixels, axes, bend, reach, depth, end, half: int) -> SaddleFit:
     normals = _between_normals(axes)
     center, sigma = pixels.copy(), np.full(len(pixels), FIRST_BLUR)
     tilt = np.zeros((len(pixels), 2))
-    step = np.full(len(pixels), np.inf)
+    step, before, pace = np.full(len(pixels), np.inf), np.zeros((len(pixels), 2)), np.ones(len(pixels))
     contrast, residual = np.full(len(pixels), 50.0), np.full(len(pixels), 5.0)
     ratio, slope = np.zeros(len(pixels)), np.zeros((len(pixels), 2))  # κ, and α, β
     for _ in range(ROUNDS):
@@ -143,9 +144,12 @@ def _fit(image, pixels, axes, bend, reach, depth, end, half: int) -> SaddleFit:
         change = solved[:, 4:] / safe[:, None]
         move = np.clip(change[:, :2], -1.0, 1.0) / reach
         shift = np.einsum("kij,kj->ki", axes, move)
+        # Edges that the camera sharpened are steeper than any blur makes them: full steps go to and fro.
+        pace = np.where((shift * before).sum(axis=1) < 0, SLOWER * pace, pace)
+        shift = before = pace[:, None] * shift
         center = center + shift
         step = np.hypot(*shift.T)
-        tilt = np.clip(tilt + np.clip(change[:, 2:4], -0.1, 0.1), -0.3, 0.3)
+        tilt = np.clip(tilt + np.clip(pace[:, None] * change[:, 2:4], -0.1, 0.1), -0.3, 0.3)
         sigma = np.clip(sigma + np.clip(change[:, 4], -0.4, 0.4), 0.4, 0.5 * half + 0.5)
     return SaddleFit(center, contrast, residual, (step < 0.05) & (np.hypot(*(center - pixels).T) < 0.5 * half + 1))
 

@@ -150,6 +150,13 @@ def _stands_out(image: np.ndarray, blobs: Blobs) -> np.ndarray:
     return (step > 8) & (lighter > 0.8)
 
 
+def discs_are_light(image: np.ndarray, center: np.ndarray, shape: np.ndarray) -> bool:
+    """Whether most discs at center (k, 2), with ellipses shape (k, 2, 2), are lighter than what is around them."""
+    reach = np.linalg.cholesky(shape) @ np.stack([np.cos(RING_ANGLES), np.sin(RING_ANGLES)])
+    outside, inside = (np.median(_sample(image, center, share * reach), axis=1) for share in (1.4, 0.7))
+    return bool((inside > outside).sum() > (inside < outside).sum())
+
+
 def _sample(image: np.ndarray, center: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """Values (k, a) at center (k, 2) + offset (k, 2, a), nearest pixel."""
     column = np.clip(np.rint(center[:, 0, None] + offset[:, 0]).astype(int), 0, image.shape[1] - 1)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from fisheye_ep_calib.target.cells import smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.discs.blobs import Blobs, find_blobs
+from fisheye_ep_calib.target.discs.blobs import Blobs, discs_are_light, find_blobs
 from fisheye_ep_calib.target.discs.ellipse import minor_axis
 from fisheye_ep_calib.target.discs.growth import complete_discs
 from fisheye_ep_calib.target.discs.hole_evidence import LEAST_HOLES, hole_evidence
@@ -22,6 +22,7 @@ from fisheye_ep_calib.target.labelling import label_patch
 from fisheye_ep_calib.target.sharpness import why_not
 
 FEWEST_DISCS = 9  # of a view
+NOT_FOUND = "board not found"
 SEARCH_SIDE = 700  # pixels of the longer side of the image that is searched
 WINDOWS = (31, 121)  # pixels: adaptive thresholds for small discs and large ones
 MOST_LATTICES = 4  # of an image that are measured
@@ -44,7 +45,7 @@ class _Found:
 
 
 class CircleGridDetector:
-    """Searches at about 700 pixels a side, measures at full resolution."""
+    """Searches at about 700 pixels a side, measures at full resolution. Light discs are dark ones of the negative."""
 
     def __init__(self, target) -> None:
         self.target = target
@@ -58,6 +59,17 @@ class CircleGridDetector:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
+        dark = self._detect(image)
+        if len(dark):
+            return dark
+        light = self._detect(cv2.bitwise_not(image))
+        if len(light):
+            return light
+        best = max(dark, light, key=lambda one: one.reason != NOT_FOUND)
+        return replace(best, reason=why_not(image, best.reason))
+
+    def _detect(self, image: np.ndarray) -> Detection:
+        """Dark discs on light ground."""
         total = len(self.target.object_points)
         best = _Found(-math.inf)
         for factor in _search_factors(image.shape):
@@ -68,8 +80,8 @@ class CircleGridDetector:
         if len(best.detection) >= self.fewest:
             return best.detection
         count = len(best.detection)
-        reason = f"{count} of {total} discs" if count > 3 else best.detection.reason or "board not found"
-        return Detection(reason=why_not(image, reason), rejected=best.detection.rejected)
+        reason = f"{count} of {total} discs" if count > 3 else best.detection.reason or NOT_FOUND
+        return Detection(reason=reason, rejected=best.detection.rejected)
 
     def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
         reason = check_image(image)
@@ -82,6 +94,8 @@ class CircleGridDetector:
         if len(index) == 0:
             return Detection(reason="board out of view")
         expected, shape = expected[index], shape[index]
+        if discs_are_light(image, expected, shape):
+            image = cv2.bitwise_not(image)
         hole = np.where(np.isin(index, self.target.holed), self.hole_ratio, 0.0)
         found = measure_discs(image, expected, shape, self.gap_ratio, hole, keep_shape=True)
         good = found.good.copy()
