@@ -27,7 +27,7 @@ _MODULES = {
 }
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> object:
     """Imports a name when it is asked for: the command line is to answer Ctrl-C before NumPy is there."""
     for module, names in _MODULES.items():
         if name in names or name == module.partition(".")[0]:

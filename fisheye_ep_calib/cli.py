@@ -18,6 +18,7 @@ TYPE_CHECKING = False  # typing's own would have to be imported
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
+    from types import FrameType
 
 PROGRAM = "fisheye_ep_calib"
 _INTERRUPTED = 130
@@ -35,7 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="backslashreplace")  # a terminal that knows no θ, a file name that is no text
         parsed = parser.parse_args(words)
-        return parsed.run(parsed)
+        code: int = parsed.run(parsed)
+        return code
     except CalibrationError as error:
         return _fail(_in_options(str(error), parsed), error.exit_code)
     except KeyboardInterrupt:
@@ -82,7 +84,7 @@ def _complete() -> int:
     return 0
 
 
-def _end_at_once(_signal, _frame) -> None:
+def _end_at_once(_signal: int, _frame: FrameType | None) -> None:
     """While modules are imported: they would swallow an exception, or make another one of it."""
     os.write(2, f"{PROGRAM}: error: interrupted\n".encode())
     os._exit(_INTERRUPTED)

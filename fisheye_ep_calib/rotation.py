@@ -19,7 +19,8 @@ def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
     skew[..., 0, 1], skew[..., 0, 2] = -vector[..., 2], vector[..., 1]
     skew[..., 1, 0], skew[..., 1, 2] = vector[..., 2], -vector[..., 0]
     skew[..., 2, 0], skew[..., 2, 1] = -vector[..., 1], vector[..., 0]
-    return np.eye(3) + a[..., None, None] * skew + b[..., None, None] * (skew @ skew)
+    result: np.ndarray = np.eye(3) + a[..., None, None] * skew + b[..., None, None] * (skew @ skew)
+    return result
 
 
 def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
@@ -61,7 +62,7 @@ def moved_poses(poses: np.ndarray, step: np.ndarray, pivot: np.ndarray | None = 
     moved[..., :3, 3] += step[..., 3:]
     if pivot is not None:
         moved[..., :3, 3] += (poses[..., :3, :3] - moved[..., :3, :3]) @ pivot
-    return moved
+    return np.asarray(moved)
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
@@ -69,4 +70,5 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     left, _, right = np.linalg.svd(matrix)
     sign = np.sign(np.linalg.det(left @ right))
     left[..., :, 2] *= sign[..., None]
-    return left @ right
+    result: np.ndarray = left @ right
+    return result

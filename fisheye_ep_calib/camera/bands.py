@@ -31,4 +31,5 @@ def radius_sigma(camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarra
 
 def _band(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """√(rowsᵀ Cov rows) for rows (n, *S)."""
-    return np.sqrt(np.maximum(np.einsum("i...,ij,j...->...", rows, covariance, rows), 0.0))
+    result: np.ndarray = np.sqrt(np.maximum(np.einsum("i...,ij,j...->...", rows, covariance, rows), 0.0))
+    return result

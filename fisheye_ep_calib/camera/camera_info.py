@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,7 +40,13 @@ def uncalibrated_camera_info(size: tuple[int, int], distortion_model: str) -> Pl
     return PlainCameraInfo(size[0], size[1], distortion_model, (), (0.0,) * 9, _UNTURNED, (0.0,) * 12)
 
 
-def _camera_info(size, distortion_model: str, distortion, focal_lengths, centre) -> PlainCameraInfo:
+def _camera_info(
+    size: tuple[int, int],
+    distortion_model: str,
+    distortion: Iterable[float],
+    focal_lengths: Iterable[float],
+    centre: Iterable[float],
+) -> PlainCameraInfo:
     (fx, fy), (cx, cy) = map(float, focal_lengths), map(float, centre)
     k = (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)
     p = (fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0)
@@ -61,5 +68,5 @@ def camera_info_content(info: PlainCameraInfo, name: str) -> dict[str, Any]:
     }
 
 
-def _matrix(rows: int, columns: int, values) -> dict[str, Any]:
+def _matrix(rows: int, columns: int, values: Iterable[float]) -> dict[str, Any]:
     return {"rows": rows, "cols": columns, "data": [float(value) for value in values]}

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fisheye_ep_calib.camera.extras import LENS_EXTRAS
 from fisheye_ep_calib.camera.lenses import LENSES, Lens, solve_angle
@@ -26,7 +27,7 @@ from fisheye_ep_calib.errors import InputError
 FAR = 1e6  # metres, in place of infinity: a pupil's shift has no effect there
 
 
-def _read_only(values) -> np.ndarray:
+def _read_only(values: ArrayLike) -> np.ndarray:
     array = np.array(values, dtype=float)
     array.flags.writeable = False
     return array
@@ -82,7 +83,7 @@ class FisheyeCamera:
     def _own_values(self) -> None:
         """Replace what was given by plain numbers that belong to this camera alone."""
         width, height = (operator.index(side) for side in self.image_size)
-        own: dict = {"image_size": (width, height)}
+        own: dict[str, Any] = {"image_size": (width, height)}
         own |= {name: float(getattr(self, name)) for name in (*PIXEL_NAMES, "theta_max")}
         own |= {name: tuple(map(float, getattr(self, name))) for name in ("radial", "coefficients")}
         own["extras"] = {name: tuple(map(float, values)) for name, values in self.extras.items()}
@@ -147,20 +148,20 @@ class FisheyeCamera:
         """Largest angle with a projection, rad: theta_max, or where r(θ) stops increasing."""
         return increasing_limit(self.lens_model, self.radial_array, self.theta_max)
 
-    def entrance_pupil(self, theta) -> np.ndarray:
+    def entrance_pupil(self, theta: ArrayLike) -> np.ndarray:
         """E(θ), metres, shape of θ (rad). The pupil sits at z = −E(θ)."""
         return entrance_pupil(self.pupil_family, np.asarray(theta, dtype=float), self.coefficients_array)
 
-    def entrance_pupil_derivative(self, theta) -> np.ndarray:
+    def entrance_pupil_derivative(self, theta: ArrayLike) -> np.ndarray:
         """dE/dθ, metres per radian, shape of θ."""
         theta = np.asarray(theta, dtype=float)
         return entrance_pupil_derivative(self.pupil_family, theta, self.coefficients_array)
 
-    def radius(self, theta) -> np.ndarray:
+    def radius(self, theta: ArrayLike) -> np.ndarray:
         """r(θ) for unit focal length, shape of θ (rad)."""
         return self.lens_model.radius(np.asarray(theta, dtype=float), self.radial_array)
 
-    def project(self, points) -> tuple[np.ndarray, np.ndarray]:
+    def project(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (..., 2) and validity (...) of points (..., 3) in the camera frame, metres.
 
         valid: the point is outside the caustic, its angle below theta_max, and r(θ) still increases there.
@@ -170,7 +171,7 @@ class FisheyeCamera:
         found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
         return np.stack([found.u, found.v], axis=-1), found.valid
 
-    def project_with_jacobian(self, points) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def project_with_jacobian(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``project`` with ∂pixels/∂point (..., 2, 3) and ∂pixels/∂parameters (..., 2, P)."""
         points = np.asarray(points, dtype=float)
         found = project_coordinates(
@@ -180,7 +181,7 @@ class FisheyeCamera:
         d_parameters = np.moveaxis(found.d_parameters, (0, 1), (-2, -1))
         return np.stack([found.u, found.v], axis=-1), found.valid, d_point, d_parameters
 
-    def incidence_angle(self, points) -> np.ndarray:
+    def incidence_angle(self, points: ArrayLike) -> np.ndarray:
         """θ (...), rad, of points (..., 3) in the camera frame, metres."""
         points = np.asarray(points, dtype=float)
         found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
@@ -196,7 +197,7 @@ class FisheyeCamera:
             reached &= inverted
         return plane_x, plane_y, reached
 
-    def unproject(self, pixels) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def unproject(self, pixels: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One ray a pixel (..., 2): origins (..., 3) on the axis, metres, unit directions (..., 3), valid (...).
 
         θ = r⁻¹(|m|), origin (0, 0, −E(θ)), direction (sinθ cosφ, sinθ sinφ, cosθ).
@@ -213,7 +214,9 @@ class FisheyeCamera:
         origins[..., 2] = -self.entrance_pupil(theta)
         return origins, directions, valid & reached
 
-    def unproject_with_jacobian(self, pixels):
+    def unproject_with_jacobian(
+        self, pixels: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``unproject`` with ∂origins/∂pixels and ∂directions/∂pixels, each (..., 3, 2).
 
         With the plane point m = r (cosφ, sinφ): ∂θ/∂m = (cosφ, sinφ)/r′(θ), ∂φ/∂m = (−sinφ, cosφ)/r, and

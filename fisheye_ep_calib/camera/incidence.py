@@ -86,7 +86,9 @@ def solve_incidence_angle(
     return IncidenceAngle(theta, sine, cosine, slope, valid)
 
 
-def _equation(theta, rho, z, family: PupilFamily, coefficients: np.ndarray):
+def _equation(
+    theta: np.ndarray, rho: np.ndarray, z: np.ndarray, family: PupilFamily, coefficients: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """g(θ), −g′(θ) = ρ sinθ + (z + E) cosθ + E′ sinθ, sinθ and cosθ."""
     sine, cosine = np.sin(theta), np.cos(theta)
     shift, derivative = entrance_pupil_with_derivative(family, theta, coefficients)
@@ -96,7 +98,9 @@ def _equation(theta, rho, z, family: PupilFamily, coefficients: np.ndarray):
     return value, slope, sine, cosine
 
 
-def _solve_in_bracket(rho, z, family: PupilFamily, coefficients: np.ndarray, theta_limit: float) -> np.ndarray:
+def _solve_in_bracket(
+    rho: np.ndarray, z: np.ndarray, family: PupilFamily, coefficients: np.ndarray, theta_limit: float
+) -> np.ndarray:
     """θ by Newton steps kept in a bracket; theta_limit where there is no root below it.
 
     As lowest ≤ E ≤ highest, every root lies between atan2(ρ, z + highest) and atan2(ρ, z + lowest). Just outside the
@@ -124,10 +128,12 @@ def _solve_in_bracket(rho, z, family: PupilFamily, coefficients: np.ndarray, the
         theta = updated
         if change < _SMALL_STEP:
             break
-    return theta
+    return np.asarray(theta)
 
 
-def _turning_angle(rho, z, low, high, family: PupilFamily, coefficients: np.ndarray) -> np.ndarray:
+def _turning_angle(
+    rho: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray, family: PupilFamily, coefficients: np.ndarray
+) -> np.ndarray:
     """The angle (n,) at which g stops falling, between low, where it falls, and high, where it rises."""
     for _ in range(50):
         middle = 0.5 * (low + high)

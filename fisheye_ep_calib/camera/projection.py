@@ -16,8 +16,9 @@ a = A (cosφ, sinφ) in the image, one that moves around the centre by t = A (�
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -136,7 +137,7 @@ def project_coordinates(
     return Projection(u, v, incidence.theta, incidence.valid, d_point, d_parameters)
 
 
-def _mapped(plane: PlaneJacobian, x: np.ndarray | float, y: np.ndarray | float):
+def _mapped(plane: PlaneJacobian, x: np.ndarray | float, y: np.ndarray | float) -> tuple[Any, Any]:
     """A (x, y): two arrays of the shape of x and y, or two numbers."""
     return plane.xx * x + plane.xy * y, plane.yx * x + plane.yy * y
 
@@ -151,7 +152,9 @@ def _fill_pixel_columns(d_parameters: np.ndarray, plane_x: np.ndarray, plane_y: 
     d_parameters[1, 4] = 1.0
 
 
-def _fill_extra_columns(camera: ProjectingCamera, d_parameters: np.ndarray, stages: list) -> PlaneJacobian:
+def _fill_extra_columns(
+    camera: ProjectingCamera, d_parameters: np.ndarray, stages: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> PlaneJacobian:
     """The extras' columns of d_parameters (2, P, *S); A = ∂(u, v)/∂m. stages: plane points before every extra."""
     plane = PlaneJacobian(camera.fx, camera.skew, 0.0, camera.fy)
     for (name, coefficients), before in zip(reversed(camera.active_extras), reversed(stages[:-1]), strict=True):
@@ -166,7 +169,11 @@ def _fill_extra_columns(camera: ProjectingCamera, d_parameters: np.ndarray, stag
 
 
 def _fill_radial_columns(
-    camera: ProjectingCamera, d_parameters: np.ndarray, incidence: IncidenceAngle, along_z: np.ndarray, outwards
+    camera: ProjectingCamera,
+    d_parameters: np.ndarray,
+    incidence: IncidenceAngle,
+    along_z: np.ndarray,
+    outwards: Sequence[np.ndarray],
 ) -> None:
     """The columns of lens and pupil, which move a point outwards only, into d_parameters (2, P, *S)."""
     blocks = [("radial", camera.lens_model.radius_jacobian(incidence.theta, camera.radial_array))]

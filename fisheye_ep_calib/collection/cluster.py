@@ -122,7 +122,9 @@ class ClusterWorkers:
 
         try:
             with self._client.as_current():
-                done = wait(list(self._running), timeout=CHECK_SECONDS, return_when="FIRST_COMPLETED").done
+                done = wait(  # type: ignore[no-untyped-call]  # of distributed
+                    list(self._running), timeout=CHECK_SECONDS, return_when="FIRST_COMPLETED"
+                ).done
         except TimeoutError:
             self._check_alive()
             return
@@ -143,7 +145,8 @@ class ClusterWorkers:
     def _outcome(self, task: Any, job: Job, error: BaseException | None) -> FrameResult:
         """Raises CalibrationError where the cluster has not done what it was asked for."""
         if task.status == "finished":
-            return task.result()
+            result: FrameResult = task.result()
+            return result
         if _has_killed_its_workers(error):
             return failed_on(self._recording, job, "a worker process died on it")
         why = first_line(error) if error else f"it has given up on an image ({task.status})"
@@ -157,7 +160,7 @@ class ClusterWorkers:
         elif time.monotonic() - self._last_seen > ANSWER_SECONDS:
             raise CalibrationError(f"the cluster at {self._scheduler} has no workers any more")
 
-    def _asked(self, question: Callable[[], dict]) -> dict:
+    def _asked(self, question: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The scheduler's answer; an empty one where it cannot be reached."""
         if self._client.status != "running":
             return {}
@@ -183,7 +186,7 @@ def _client_of(address: str) -> Any:
     if not _ADDRESS.match(address):  # a client that fails over it would linger
         raise InputError(f"`scheduler` {address!r} is no address such as tcp://HOST:PORT")
     try:
-        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)  # type: ignore[no-untyped-call]  # its own
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
             f"no Dask scheduler answers at {address} ({first_line(error)}); "

@@ -47,7 +47,7 @@ class Collector:
         *,
         workers: int = 0,
         strict: bool = False,
-        log: str | PathLike | None = None,
+        log: str | PathLike[str] | None = None,
         resume: bool = False,
         scheduler: str | None = None,
         on_progress: OnProgress = unheard,
@@ -64,7 +64,7 @@ class Collector:
     def __enter__(self) -> Collector:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self._workers.close()
         if self._log is not None:
             self._log.close()

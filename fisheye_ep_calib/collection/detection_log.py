@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -104,7 +104,7 @@ class DetectionLog:
         self.images += 1
         self.holds_views |= result.found
 
-    def _write(self, content: dict) -> None:
+    def _write(self, content: dict[str, Any]) -> None:
         self._file.write(json.dumps(content, separators=(",", ":")).encode() + b"\n")
         self._file.flush()
 
@@ -129,7 +129,7 @@ def search_key(recording: Recording, topics: Sequence[str], target: Target) -> s
     return digest.hexdigest()
 
 
-def _to_json(result: FrameResult) -> dict:
+def _to_json(result: FrameResult) -> dict[str, Any]:
     return {
         "topic": result.topic,
         "index": result.index,
@@ -146,7 +146,7 @@ def _to_json(result: FrameResult) -> dict:
     }
 
 
-def _from_json(content: dict) -> FrameResult:
+def _from_json(content: dict[str, Any]) -> FrameResult:
     detection = Detection(
         np.array(content["point_index"], dtype=int),
         np.array(content["pixels"], dtype=float).reshape(-1, 2),

@@ -60,7 +60,7 @@ class ProgressBars:
     def __enter__(self) -> ProgressBars:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
@@ -82,31 +82,31 @@ class ProgressBars:
 class _Silent:
     """What is used of a tqdm bar, without a word."""
 
-    def __init__(self, iterable: Iterable = (), total: int | None = None) -> None:
+    def __init__(self, iterable: Iterable[Any] = (), total: int | None = None) -> None:
         self._iterable = iterable
         self.n = 0
         self.total = total
 
-    def __iter__(self) -> Iterator:
+    def __iter__(self) -> Iterator[Any]:
         return iter(self._iterable)
 
     def __enter__(self) -> _Silent:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         pass
 
     def update(self, count: int = 1) -> None:
         self.n += count
 
-    def set_postfix(self, **_) -> None:
+    def set_postfix(self, **_: object) -> None:
         pass
 
     def close(self) -> None:
         pass
 
 
-def progress_bar(iterable: Iterable | None = None, what: str = "", *, total=None) -> Any:
+def progress_bar(iterable: Iterable[Any] | None = None, what: str = "", *, total: int | None = None) -> Any:
     """A tqdm bar with rate and time left, shown where stderr is a terminal; without tqdm there is none."""
     try:
         from tqdm import tqdm

@@ -54,7 +54,7 @@ class FrameWorkers:
         self._processes = KnownProcesses()
         self._search: IO[bytes] | None = None
         self._waiting: deque[Job] = deque()
-        self._running: dict[Future, Job] = {}
+        self._running: dict[Future[Any], Job] = {}
         self._ready: deque[FrameResult] = deque()
 
     def add(self, jobs: Iterable[Job]) -> None:
@@ -132,7 +132,7 @@ class FrameWorkers:
                 self._ready.append(failed_on(self._recording, job, "a worker process died on it"))
         self._end_pool()
 
-    def _submit(self, job: Job) -> Future:
+    def _submit(self, job: Job) -> Future[Any]:
         if self._pool is None:
             self._processes = KnownProcesses()
             self._pool = ProcessPoolExecutor(

@@ -6,6 +6,7 @@ of E(θ) and of r(θ) over the field.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,7 +89,9 @@ def sought_rows(camera: FisheyeCamera) -> np.ndarray:
     return np.concatenate([pupil, radial])
 
 
-def _candidate_poses(object_points, camera_from_target, distances) -> tuple[np.ndarray, np.ndarray]:
+def _candidate_poses(
+    object_points: np.ndarray, camera_from_target: np.ndarray, distances: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Grid (F, 4) of (θ, azimuth, distance, tilt) and poses (F, 4, 4); the side that was shown so far is shown."""
     middle = 0.5 * (object_points.min(axis=0) + object_points.max(axis=0))
     seen = camera_from_target[:, :3, :3] @ middle + camera_from_target[:, :3, 3]

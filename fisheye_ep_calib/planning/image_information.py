@@ -93,7 +93,8 @@ def _some(count: int) -> np.ndarray:
 
 
 def _middle(target: Target) -> np.ndarray:
-    return 0.5 * (target.object_points.min(axis=0) + target.object_points.max(axis=0))
+    result: np.ndarray = 0.5 * (target.object_points.min(axis=0) + target.object_points.max(axis=0))
+    return result
 
 
 def _poses_between(
@@ -135,7 +136,10 @@ def _middle_between(images: np.ndarray, poses: np.ndarray, between: np.ndarray, 
     course = Akima1DInterpolator(images, known)(between)
     direction = course[:, :3] / (np.linalg.norm(course[:, :3], axis=-1, keepdims=True) + 1e-12)
     overshoot = np.log(MOST_OVERSHOOT)
-    return direction * np.exp(np.clip(course[:, 3:], known[:, 3].min() - overshoot, known[:, 3].max() + overshoot))
+    result: np.ndarray = direction * np.exp(
+        np.clip(course[:, 3:], known[:, 3].min() - overshoot, known[:, 3].max() + overshoot)
+    )
+    return result
 
 
 def _views(camera: FisheyeCamera, points: np.ndarray, images: np.ndarray, poses: np.ndarray) -> _Views:
@@ -181,4 +185,5 @@ def _moved(pixels: np.ndarray, others: np.ndarray, least: float) -> np.ndarray:
     distance = np.linalg.norm(pixels - others, axis=-1)
     common = np.isfinite(distance)
     count = common.sum(axis=-1)
-    return (count == 0) | (np.where(common, distance, 0).sum(axis=-1) >= least * count)
+    result: np.ndarray = (count == 0) | (np.where(common, distance, 0).sum(axis=-1) >= least * count)
+    return result

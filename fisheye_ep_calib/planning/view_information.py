@@ -54,4 +54,5 @@ def variance_reduction(information: np.ndarray, known: np.ndarray, sought: np.nd
     rows = sought * scale
     variance = np.einsum("qi,ij,qj->q", rows, covariance, rows)
     spread = (rows @ covariance) * scale / np.sqrt(np.maximum(variance, 1e-300))[:, None]
-    return np.einsum("nij,ij->n", information, spread.T @ spread)
+    result: np.ndarray = np.einsum("nij,ij->n", information, spread.T @ spread)
+    return result

@@ -8,6 +8,7 @@ from os import PathLike
 import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference
+from fisheye_ep_calib.report.data import ModelCurve
 from fisheye_ep_calib.report.models import by_ring, rms
 from fisheye_ep_calib.report.verdict import distance_text
 
@@ -80,11 +81,11 @@ def alignment_text(found: CameraDifference, alignment: str) -> str:
 
 
 def write_comparison(
-    path: str | PathLike,
+    path: str | PathLike[str],
     names: tuple[str, str],
     found: CameraDifference,
     alignment: str,
-    curves,
+    curves: tuple[ModelCurve, ModelCurve],
     size: tuple[int, int],
     inputs: dict[str, str],
 ) -> None:

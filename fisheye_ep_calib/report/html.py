@@ -21,7 +21,7 @@ from fisheye_ep_calib.storage.atomic import atomic_write
 _FILES = ("base.html", "page.html", "camera.html", "compare.html", "tables.html", "page.css", "page.js")
 
 
-def write_report(path: str | PathLike, cameras: Sequence[CameraReport], title: str = "") -> None:
+def write_report(path: str | PathLike[str], cameras: Sequence[CameraReport], title: str = "") -> None:
     """Write the cameras' report whole or not at all."""
     atomic_write(path, report_html(cameras, title).encode(errors="backslashreplace"))
 
@@ -50,9 +50,11 @@ def report_html(cameras: Sequence[CameraReport], title: str = "") -> str:
     return render("page.html", title=title or f"Calibration of {names}", pages=pages)
 
 
-def render(template: str, **content) -> str:
+def render(template: str, **content: object) -> str:
     """A page from one of the templates, with styles and script within it."""
-    texts = {name: resources.files(__package__).joinpath("templates", name).read_text("utf-8") for name in _FILES}
+    texts = {
+        name: resources.files(__package__).joinpath("templates").joinpath(name).read_text("utf-8") for name in _FILES
+    }
     environment = Environment(
         loader=DictLoader(texts), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

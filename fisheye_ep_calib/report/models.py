@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
@@ -20,7 +22,9 @@ def angles(camera: FisheyeCamera) -> np.ndarray:
     return np.linspace(0.0, camera.theta_limit, _SAMPLES)
 
 
-def pupil_curve(name: str, camera: FisheyeCamera, covariance: np.ndarray, theta, chosen: bool, **fit) -> ModelCurve:
+def pupil_curve(
+    name: str, camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray, chosen: bool, **fit: Any
+) -> ModelCurve:
     """fit: the fields parameters, rms_px and cross_validated_rms_px where they are known."""
     sigma = pupil_sigma(camera, covariance, theta) if camera.coefficients else np.zeros_like(theta)
     return ModelCurve(name, theta, camera.entrance_pupil(theta), sigma, chosen, **fit)

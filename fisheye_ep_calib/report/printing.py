@@ -62,7 +62,7 @@ class Layout:
     caption: str
 
 
-def write_target(target: Target, path: str | PathLike, page: str = "a4", caption: str = "") -> None:
+def write_target(target: Target, path: str | PathLike[str], page: str = "a4", caption: str = "") -> None:
     """Write a target to print at 100 %: .pdf, .svg or .png (300 dots per inch).
 
     page: a4, a3, letter, turned as it fits, or WIDTHxHEIGHT in millimetres. caption: beside the ruler, the

@@ -10,6 +10,7 @@ import json
 import platform
 from importlib import metadata
 from os import PathLike
+from typing import Any
 
 from fisheye_ep_calib.report.data import View
 from fisheye_ep_calib.storage.atomic import atomic_write
@@ -31,7 +32,7 @@ def now() -> str:
     return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
 
 
-def per_view(views: tuple[View, ...]) -> list[dict]:
+def per_view(views: tuple[View, ...]) -> list[dict[str, Any]]:
     """One object a view, in the order of the recording."""
     return [
         {
@@ -47,7 +48,9 @@ def per_view(views: tuple[View, ...]) -> list[dict]:
     ]
 
 
-def write_record(path: str | PathLike, cameras: dict[str, dict], failed: dict[str, str], options: dict) -> None:
+def write_record(
+    path: str | PathLike[str], cameras: dict[str, dict[str, Any]], failed: dict[str, str], options: dict[str, Any]
+) -> None:
     """cameras: name → content. failed: name → why. options: of the command. Written whole or not at all."""
     content = {
         "schema": SCHEMA,

@@ -157,8 +157,7 @@ class Pattern:
         edge |= (np.abs(y - self.low[1]) < reach_y) | (np.abs(y - self.high[1]) < reach_y)
         for print_ in self.prints:
             edge |= print_.has_edge(x, y, reach_x, reach_y)
-        result: BoolArray = edge
-        return result
+        return np.asarray(edge)
 
 
 @lru_cache(maxsize=8)

@@ -1,5 +1,6 @@
 """The protocol of a lens extra: a map of the normalised image plane, the identity for coefficients 0."""
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -25,20 +26,24 @@ class LensExtra(Protocol):
     @property
     def coefficient_names(self) -> tuple[str, ...]: ...
 
-    def apply(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray]:
+    def apply(self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """(x′, y′), each of shape S."""
         ...
 
-    def jacobian(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[PlaneJacobian, np.ndarray]:
+    def jacobian(self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]) -> tuple[PlaneJacobian, np.ndarray]:
         """∂(x′, y′)/∂(x, y) and ∂(x′, y′)/∂coefficients, the latter of shape (2, n, *S)."""
         ...
 
-    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def invert(
+        self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The (x, y) that the extra maps to the given (x′, y′), and whether there is one near the identity's."""
         ...
 
 
-def invert_by_newton(extra: LensExtra, x: np.ndarray, y: np.ndarray, coefficients):
+def invert_by_newton(
+    extra: LensExtra, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Solve extra(a, b) = (x, y) by Newton steps from (x, y); the maps are near the identity.
 
     a, b and whether they solve it, with the map not folded over there (its determinant positive).

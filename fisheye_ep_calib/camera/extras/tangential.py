@@ -1,5 +1,7 @@
 """Decentering: x′ = x + 2 p1 x y + p2 (r² + 2 x²), y′ = y + p1 (r² + 2 y²) + 2 p2 x y (Brown, 1966)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fisheye_ep_calib.camera.extras.extra import PlaneJacobian, invert_by_newton
@@ -11,7 +13,7 @@ class Tangential:
     name = "tangential"
     coefficient_names = ("p1", "p2")
 
-    def apply(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray]:
+    def apply(self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """The equation in the module's head."""
         p1, p2 = coefficients
         square = x * x + y * y
@@ -21,7 +23,7 @@ class Tangential:
             y + p1 * (square + 2 * y * y) + p2 * product,
         )
 
-    def jacobian(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[PlaneJacobian, np.ndarray]:
+    def jacobian(self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]) -> tuple[PlaneJacobian, np.ndarray]:
         """∂x′/∂x = 1 + 2 p1 y + 6 p2 x, ∂x′/∂y = ∂y′/∂x = 2 p1 x + 2 p2 y, ∂y′/∂y = 1 + 6 p1 y + 2 p2 x."""
         p1, p2 = coefficients
         square = x * x + y * y
@@ -32,7 +34,9 @@ class Tangential:
         second = np.stack([square + 2 * y * y, product])
         return plane, np.stack([first, second])
 
-    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def invert(
+        self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """By Newton steps."""
         return invert_by_newton(self, x, y, coefficients)
 

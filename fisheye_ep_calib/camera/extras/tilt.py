@@ -4,6 +4,8 @@ With R = R_y(τy) R_x(τx): x′ = (R33 q_x − R13 q_z)/q_z and y′ = (R33 q_y
 (OpenCV, calib3d, "tilted image sensor"; Scheimpflug).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fisheye_ep_calib.camera.extras.extra import PlaneJacobian
@@ -17,10 +19,10 @@ def _homography(tilt_x: float, tilt_y: float) -> tuple[np.ndarray, np.ndarray, n
     about_x_slope = np.array([[0, 0, 0], [0, -sin_x, cos_x], [0, -cos_x, -sin_x]])
     about_y_slope = np.array([[-sin_y, 0, -cos_y], [0, 0, 0], [cos_y, 0, -sin_y]])
 
-    def projector(rotation):
+    def projector(rotation: np.ndarray) -> np.ndarray:
         return np.array([[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1.0]])
 
-    def projector_slope(slope):
+    def projector_slope(slope: np.ndarray) -> np.ndarray:
         return np.array([[slope[2, 2], 0, -slope[0, 2]], [0, slope[2, 2], -slope[1, 2]], [0, 0, 0.0]])
 
     rotation = about_y @ about_x
@@ -39,16 +41,16 @@ class Tilt:
     coefficient_names = ("tau_x", "tau_y")
 
     @staticmethod
-    def _map(homography, x, y):
+    def _map(homography: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
         return tuple(row[0] * x + row[1] * y + row[2] for row in homography)
 
-    def apply(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray]:
+    def apply(self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Homography of (x, y, 1)."""
         homography, _, _ = _homography(*coefficients)
         a, b, c = self._map(homography, x, y)
         return a / c, b / c
 
-    def jacobian(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[PlaneJacobian, np.ndarray]:
+    def jacobian(self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]) -> tuple[PlaneJacobian, np.ndarray]:
         """Quotient rule on (a/c, b/c) with (a, b, c) = H (x, y, 1)."""
         homography, slope_x, slope_y = _homography(*coefficients)
         a, b, c = self._map(homography, x, y)
@@ -65,7 +67,9 @@ class Tilt:
             columns.append(np.stack([(slope_a - u * slope_c) / c, (slope_b - v * slope_c) / c]))
         return plane, np.stack(columns, axis=1)
 
-    def invert(self, x: np.ndarray, y: np.ndarray, coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def invert(
+        self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The inverse homography, on the side of its horizon where the axis is."""
         homography, _, _ = _homography(*coefficients)
         inverse = np.linalg.inv(homography)

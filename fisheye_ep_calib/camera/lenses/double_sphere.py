@@ -1,5 +1,7 @@
 """Double sphere (Usenko, Demmel and Cremers, 3DV 2018, equations 40–44), written as r(θ)."""
 
+from typing import Any
+
 import numpy as np
 
 
@@ -11,7 +13,7 @@ class DoubleSphere:
     start_coefficients = (-0.2, 0.6)
 
     @staticmethod
-    def _terms(theta, coefficients):
+    def _terms(theta: np.ndarray, coefficients: np.ndarray) -> tuple[Any, ...]:
         xi, alpha = coefficients
         sine, cosine = np.sin(theta), np.cos(theta)
         shifted = xi + cosine
@@ -21,7 +23,8 @@ class DoubleSphere:
     def radius(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """r(θ) as in the class; meaningless where the denominator is not positive (r′ is made 0 there)."""
         *_, sine, _, _, _, denominator = self._terms(theta, coefficients)
-        return sine / np.where(denominator > 0, denominator, 1.0)
+        result: np.ndarray = sine / np.where(denominator > 0, denominator, 1.0)
+        return result
 
     def radius_derivative(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """dr/dθ = (cosθ q − sinθ q′)/q² with q the denominator and d′ = −ξ sinθ / d."""

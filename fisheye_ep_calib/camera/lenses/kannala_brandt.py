@@ -14,13 +14,15 @@ class KannalaBrandt:
     def radius(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """r = θ (1 + θ² (k1 + θ² (k2 + θ² (k3 + …))))."""
         square = theta * theta
-        return theta * (1 + square * _horner(square, coefficients))
+        result: np.ndarray = theta * (1 + square * _horner(square, coefficients))
+        return result
 
     def radius_derivative(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """dr/dθ = 1 + 3 k1 θ² + 5 k2 θ⁴ + 7 k3 θ⁶ + …"""
         square = theta * theta
         powers = 2 * np.arange(1, len(coefficients) + 1) + 1
-        return 1 + square * _horner(square, powers * coefficients)
+        result: np.ndarray = 1 + square * _horner(square, powers * coefficients)
+        return result
 
     def radius_jacobian(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """∂r/∂k = (θ³, θ⁵, θ⁷, …), shape (n, *S)."""
@@ -37,7 +39,7 @@ def _horner(square: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     *others, value = coefficients
     for coefficient in reversed(others):
         value = coefficient + square * value
-    return value
+    return np.asarray(value)
 
 
 KANNALA_BRANDT = KannalaBrandt("kannala_brandt", 4)

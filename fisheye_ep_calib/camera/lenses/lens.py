@@ -52,7 +52,9 @@ def increasing_limit(lens: Lens, coefficients: np.ndarray, theta_max: float) -> 
     return float(low)
 
 
-def solve_angle(lens: Lens, radius: np.ndarray, coefficients: np.ndarray, theta_limit: float):
+def solve_angle(
+    lens: Lens, radius: np.ndarray, coefficients: np.ndarray, theta_limit: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Invert r(θ) = radius on [0, theta_limit], where r increases, by Newton steps kept in a bracket.
 
     radius: any shape, ≥ 0. Returns (θ in radians, valid); θ is theta_limit where the radius lies beyond it.

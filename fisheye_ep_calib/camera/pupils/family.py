@@ -38,7 +38,8 @@ def entrance_pupil_derivative(family: PupilFamily, theta: np.ndarray, coefficien
 def _combined(basis: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """Σ_i coefficients_i basis_i, of shape S for a basis (terms, *S)."""
     weighted = np.asarray(coefficients, dtype=float) @ basis.reshape(len(basis), math.prod(basis.shape[1:]))
-    return weighted.reshape(basis.shape[1:])
+    result: np.ndarray = weighted.reshape(basis.shape[1:])
+    return result
 
 
 def entrance_pupil_with_derivative(

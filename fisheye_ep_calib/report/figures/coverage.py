@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from fisheye_ep_calib.report.data import Coverage, Residuals, UncertaintyMap
@@ -21,7 +26,7 @@ def coverage_figure(coverage: Coverage, identity: str) -> str:
     last = radius[-1]
 
     def draw(figure: Figure) -> None:
-        axes = figure.add_subplot(projection="polar")
+        axes = cast(PolarAxes, figure.add_subplot(projection="polar"))
         axes.set_theta_direction(-1)
         axes.grid(False)
         counts = np.ma.masked_equal(coverage.counts, 0)
@@ -94,11 +99,11 @@ def _edges(cells: np.ndarray, ring_degrees: float, parts: int = 1) -> tuple[np.n
     return np.linspace(-half, 2 * np.pi - half, parts * sectors + 1), ring_degrees * np.arange(rings + 1)
 
 
-def _count_norm(counts: np.ma.MaskedArray):
+def _count_norm(counts: np.ma.MaskedArray) -> LogNorm:
     return LogNorm(1, max(float(counts.max()), 2.0))
 
 
-def _count_bar(figure: Figure, mesh, axes) -> None:
+def _count_bar(figure: Figure, mesh: ScalarMappable, axes: Axes) -> None:
     bar = figure.colorbar(mesh, ax=axes, shrink=0.85)
     bar.set_label("points")
     bar.outline.set_visible(False)
@@ -106,5 +111,5 @@ def _count_bar(figure: Figure, mesh, axes) -> None:
     bar.ax.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
 
 
-def _one_color(color: str):
+def _one_color(color: str) -> ListedColormap:
     return ListedColormap([color])

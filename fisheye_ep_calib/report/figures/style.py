@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -23,7 +24,7 @@ MAP = "viridis"
 
 _INK, _FAINT, _PAPER = "#0a0b0c", "#0d0e0f", "#f1f2f3"
 _THEME = {_INK: "var(--ink)", _FAINT: "var(--line)", _PAPER: "var(--card)"}
-_SETTINGS = {
+_SETTINGS: dict[Any, Any] = {  # matplotlib has a type for its settings from 3.11 on
     "svg.fonttype": "none",
     "font.size": 10.0,
     "axes.titlesize": 10.0,
