@@ -113,3 +113,14 @@ def write_folder(path: Path, pictures, suffix=".png", name="frame{}") -> Path:
     for number, image in enumerate(pictures):
         cv2.imwrite(str(path / (name.format(number) + suffix)), image)
     return path
+
+
+def write_db3(path: Path, recorded) -> Path:
+    """The one file of a rosbag2 folder with SQLite, moved to ``path``."""
+    folder = write_rosbag2(path.with_suffix(".folder"), recorded)
+    (file,) = folder.glob("*.db3")
+    return file.rename(path)
+
+
+# One for each of BAG_FORMATS: the tests of every format need files of it.
+WRITERS = {".mcap": write_mcap, ".db3": write_db3, ".bag": write_ros1}

@@ -13,7 +13,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.simulation import Imaging, look_pose
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.registry import TARGETS
-from fisheye_ep_calib.target.schema import Keys
+from fisheye_ep_calib.target.schema import LARGEST_COUNT, Keys
 
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "config" / "targets").glob("*.yaml"))
 IMAGING = Imaging(blur=0.7, noise=1.0, texture=20, shading=0.1, seed=3)
@@ -51,8 +51,8 @@ class _Guess(Keys):
         self.answers: dict = {}
         self.lengths = 0
 
-    def count(self, key: str, least: int) -> int:
-        return self.answers.setdefault(key, max(least, 8 - len(self.answers)))
+    def count(self, key: str, least: int, most: int = LARGEST_COUNT) -> int:
+        return self.answers.setdefault(key, min(most, max(least, 8 - len(self.answers))))
 
     def positive(self, key: str) -> float:
         self.lengths += key not in self.answers
