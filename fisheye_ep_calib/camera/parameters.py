@@ -28,12 +28,17 @@ def pupil_names(terms: int) -> tuple[str, ...]:
     return tuple(f"e{term + 1}" for term in range(terms))
 
 
-@lru_cache(maxsize=256)
 def parameter_layout(lens: str, extras: tuple[str, ...], terms: int) -> ParameterLayout:
     """Of a camera with a lens, extras in use (keys of the registries, in their order) and terms of E(θ)."""
-    blocks = {"pixels": PIXEL_NAMES, "radial": LENSES[lens].coefficient_names}
-    blocks |= {name: LENS_EXTRAS[name].coefficient_names for name in extras}
-    blocks["coefficients"] = pupil_names(terms)
+    of_extras = tuple((name, tuple(LENS_EXTRAS[name].coefficient_names)) for name in extras)
+    return _layout(tuple(LENSES[lens].coefficient_names), of_extras, terms)
+
+
+@lru_cache(maxsize=256)
+def _layout(
+    of_lens: tuple[str, ...], of_extras: tuple[tuple[str, tuple[str, ...]], ...], terms: int
+) -> ParameterLayout:
+    blocks = {"pixels": PIXEL_NAMES, "radial": of_lens, **dict(of_extras), "coefficients": pupil_names(terms)}
     unit_of = {"pixels": "px", "coefficients": "m"}
     names: list[str] = []
     units: list[str] = []

@@ -18,7 +18,7 @@ from fisheye_ep_calib.commands.sources import add_resume_argument, add_source_ar
 from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline import CalibratedCamera, CameraSource, calibrate_cameras
-from fisheye_ep_calib.pipeline.calibrating import FIT_OPTIONS, PASSES, check_fit, none_calibrated
+from fisheye_ep_calib.pipeline.calibrating import PASSES, check_fit, fit_options, none_calibrated
 from fisheye_ep_calib.pipeline.found_so_far import log_of
 from fisheye_ep_calib.pipeline.looking import LookAgain
 from fisheye_ep_calib.storage.camera_file import save_camera
@@ -167,7 +167,7 @@ def _calibrate_all(
 
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
-    return {name: getattr(arguments, name) for name in FIT_OPTIONS}
+    return {name: getattr(arguments, name) for name in fit_options()}
 
 
 def _free_folder(given: Path | None) -> Path:

@@ -23,7 +23,6 @@ from fisheye_ep_calib.target import Target
 
 _log = logging.getLogger(__name__)
 PASSES = (1, 2)
-FIT_OPTIONS = (*(field.name for field in fields(Options) if field.name != "extras"), *LENS_EXTRAS)
 LOOK_OPTIONS = ("max_views", "every", "strict")
 
 
@@ -75,8 +74,8 @@ def calibrate_recording(
 
     Raises InputError and CalibrationError; where only some of several cameras fail, the result's ``failed`` says why.
     """
-    refuse_unknown_options(options, (*FIT_OPTIONS, *LOOK_OPTIONS))
-    fit = {name: value for name, value in options.items() if name in FIT_OPTIONS}
+    refuse_unknown_options(options, (*fit_options(), *LOOK_OPTIONS))
+    fit = {name: value for name, value in options.items() if name in fit_options()}
     check_fit(model, passes, fit)
     told = unheard if on_progress is None else seldom(on_progress)
     chosen = {name: value for name, value in options.items() if name in LOOK_OPTIONS}
@@ -138,8 +137,13 @@ def check_fit(model: str, passes: int, options: Mapping[str, Any]) -> None:
     """Raises InputError before anything is looked at."""
     if passes not in PASSES:
         raise InputError(f"`passes` must be 1 or 2, not {passes}")
-    refuse_unknown_options(options, FIT_OPTIONS)
+    refuse_unknown_options(options, fit_options())
     base_structure(Options.of(**options), model)
+
+
+def fit_options() -> tuple[str, ...]:
+    """Those of ``Options.of``: its fields, and a switch for each lens extra that is registered."""
+    return (*(field.name for field in fields(Options) if field.name != "extras"), *LENS_EXTRAS)
 
 
 def refuse_unknown_options(options: Mapping[str, Any], known: tuple[str, ...]) -> None:

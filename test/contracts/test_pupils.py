@@ -7,6 +7,7 @@ import pytest
 from differences import central_differences
 
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
+from fisheye_ep_calib.camera.pupils import entrance_pupil_with_derivative
 
 FAR = 1.9  # rad
 ANGLES = np.concatenate([np.linspace(1e-3, FAR, 300), 0.05 + np.array([-2e-3, -1e-9, 0, 1e-9, 2e-3])])
@@ -63,6 +64,15 @@ def test_the_derivative_is_that_of_the_basis(family) -> None:
             np.array([[1e-4]]),
         )
         np.testing.assert_allclose(family.basis_derivative(ANGLES, terms).T, numeric[..., 0], rtol=1e-6, atol=1e-12)
+
+
+def test_the_projection_takes_that_value_and_that_derivative(family) -> None:
+    for terms in range(1, family.max_terms + 1):
+        coefficients = np.random.default_rng(terms).normal(0, 1e-3, terms)
+        value, derivative = entrance_pupil_with_derivative(family, ANGLES, coefficients)
+        np.testing.assert_allclose(value, coefficients @ family.basis(ANGLES, terms), rtol=1e-11, atol=1e-18)
+        expected = coefficients @ family.basis_derivative(ANGLES, terms)
+        np.testing.assert_allclose(derivative, expected, rtol=1e-11, atol=1e-18)
 
 
 def test_no_term_is_a_mixture_of_the_others(family) -> None:

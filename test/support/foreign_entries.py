@@ -18,7 +18,7 @@ from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.camera.extras.extra import PlaneJacobian, invert_by_newton
 from fisheye_ep_calib.camera.extras.tangential import Tangential
 from fisheye_ep_calib.camera.lenses.kannala_brandt import KannalaBrandt
-from fisheye_ep_calib.camera.pupils.even import EvenPupil
+from fisheye_ep_calib.camera.pupils.family import PowerPupil
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rectification.projections import PROJECTIONS, Cylindrical
 from fisheye_ep_calib.storage.sources.base import BagSource, Entry
@@ -47,12 +47,12 @@ class CosinePupil:
         return powers * (1 - np.cos(theta)) ** (powers - 1) * np.sin(theta)
 
 
-class WrongSign(EvenPupil):
+class WrongSign(PowerPupil):
     def basis_derivative(self, theta, terms):
         return -super().basis_derivative(theta, terms)
 
 
-class OffTheAxis(EvenPupil):
+class OffTheAxis(PowerPupil):
     def basis(self, theta, terms):
         return super().basis(theta, terms) + 1.0
 
@@ -256,7 +256,11 @@ def write_box(path: Path, recorded, begin: bytes = _RIGHT) -> Path:
     return path
 
 
-PUPIL_FAMILIES |= {"right_cosine": CosinePupil(), "wrong_sign": WrongSign(), "wrong_off_axis": OffTheAxis()}
+PUPIL_FAMILIES |= {
+    "right_cosine": CosinePupil(),
+    "wrong_sign": WrongSign(2, 2, 4),
+    "wrong_off_axis": OffTheAxis(2, 2, 4),
+}
 LENSES |= {"right_half_tangent": HalfTangent(), "wrong_column": WrongColumn("wrong_column", 4)}
 LENS_EXTRAS |= {extra.name: extra for extra in (ThinPrism(), RoughInverse())}
 PROJECTIONS |= {"right_stereographic": Stereographic(), "wrong_mirrored": Mirrored()}

@@ -46,7 +46,7 @@ def entrance_pupil_with_derivative(
     family: PupilFamily, theta: np.ndarray, coefficients: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """E(θ), metres, and dE/dθ, metres per radian, each of the shape of θ."""
-    if isinstance(family, PowerPupil):
+    if type(family) is PowerPupil:  # what extends it may have a basis of its own
         return family.value_with_derivative(theta, coefficients)
     return entrance_pupil(family, theta, coefficients), entrance_pupil_derivative(family, theta, coefficients)
 
