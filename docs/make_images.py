@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 
 from fisheye_ep_calib import FisheyeCamera, calibrate
+from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.simulation import observe, paper_poses
 from fisheye_ep_calib.simulation.ray_traced_camera import RayTracedCamera, laikin_camera
 from fisheye_ep_calib.target.boards.chessboard import Chessboard
@@ -98,8 +99,7 @@ def rigid_motion(source: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.n
 def error_at(distance: float, lens: RayTracedCamera, camera: FisheyeCamera, motion) -> float:
     """RMS pixel difference of lens and camera for points at a distance, over the field to 80°."""
     theta, azimuth = np.meshgrid(np.radians(np.arange(2, 81, 2)), np.radians(np.arange(0, 360, 15)))
-    direction = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], axis=-1)
-    points = distance * direction
+    points = distance * direction(theta, azimuth)
     rotation, translation = motion
     true, seen = lens.project(points)
     pixels, valid = camera.project(points @ rotation.T + translation)

@@ -4,41 +4,39 @@ import numpy as np
 
 
 def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
-    """Rodrigues' formula: rotation vectors (..., 3), rad, to matrices (..., 3, 3).
+    """Rotation vectors (..., 3), rad, to matrices (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation  # not before it is needed: it takes long to load
 
-    R = I + a [v]× + b [v]×², a = sin|v|/|v|, b = (1 − cos|v|)/|v|², by their series near zero.
-    """
     vector = np.asarray(vector, dtype=float)
-    square = (vector * vector).sum(axis=-1)
-    angle = np.sqrt(square)
-    small = angle < 1e-4
-    safe = np.where(small, 1.0, angle)
-    a = np.where(small, 1 - square / 6, np.sin(safe) / safe)
-    b = np.where(small, 0.5 - square / 24, 2 * np.sin(safe / 2) ** 2 / (safe * safe))
-    skew = np.zeros((*vector.shape[:-1], 3, 3))
-    skew[..., 0, 1], skew[..., 0, 2] = -vector[..., 2], vector[..., 1]
-    skew[..., 1, 0], skew[..., 1, 2] = vector[..., 2], -vector[..., 0]
-    skew[..., 2, 0], skew[..., 2, 1] = -vector[..., 1], vector[..., 0]
-    result: np.ndarray = np.eye(3) + a[..., None, None] * skew + b[..., None, None] * (skew @ skew)
+    result: np.ndarray = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix().reshape(*vector.shape, 3)
     return result
 
 
 def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3), rad, of rotations (..., 3, 3) by less than π: the axis a times atan2(sin, cos).
+    """Rotation vectors (..., 3), rad, of rotations (..., 3, 3), none longer than π."""
+    from scipy.spatial.transform import Rotation
 
-    2 sin · a = (R32 − R23, R13 − R31, R21 − R12), 2 cos = tr R − 1.
+    result: np.ndarray = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(rotation.shape[:-1])
+    return result
+
+
+def placed(poses: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Where poses (..., 4, 4) put a point (3,) of the posed frame, (..., 3)."""
+    result: np.ndarray = poses[..., :3, :3] @ point + poses[..., :3, 3]
+    return result
+
+
+def turn_jacobian(arms: np.ndarray, d_point: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    """∂f/∂ω = a × ∂f/∂p, (K, 3, *S), of K functions of points p = c + ω × a, from ∂f/∂p (K, 3, *S).
+
+    arms a (3, *S), or of a shape that broadcasts to it. out: where to put it.
     """
-    axis = 0.5 * np.stack(
-        [
-            rotation[..., 2, 1] - rotation[..., 1, 2],
-            rotation[..., 0, 2] - rotation[..., 2, 0],
-            rotation[..., 1, 0] - rotation[..., 0, 1],
-        ],
-        axis=-1,
-    )
-    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
-    angle = np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=-2, axis2=-1)[..., None] - 1))
-    return axis * np.where(sine > 0, angle / np.where(sine > 0, sine, 1.0), 1.0)
+    result = np.empty(d_point.shape) if out is None else out
+    for axis in range(3):
+        after, last = (axis + 1) % 3, (axis + 2) % 3
+        np.multiply(arms[after], d_point[:, last], out=result[:, axis])
+        result[:, axis] -= arms[last] * d_point[:, after]
+    return result
 
 
 def motion_jacobian(arms: np.ndarray) -> np.ndarray:

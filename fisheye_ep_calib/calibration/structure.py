@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
+from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 
@@ -79,18 +80,15 @@ class Structure:
     def camera_like(self, other: FisheyeCamera) -> FisheyeCamera:
         """This structure's camera with every parameter that it shares with another's; the rest starts at zero."""
         start = self.camera(other.image_size, np.array([other.fx, other.fy]), np.array([other.cx, other.cy]))
-        known = dict(zip(other.parameter_names, other.parameters, strict=True))
+        shared = dict(zip(other.parameter_names, other.parameters, strict=True))
         if other.model != self.model:
-            known = {name: value for name, value in known.items() if not _is_pupil(name)}
+            for name in pupil_names(len(other.coefficients)):
+                del shared[name]
         if not self.skew:
-            known["skew"] = 0.0
-        values = [known.get(name, value) for name, value in zip(start.parameter_names, start.parameters, strict=True)]
+            shared["skew"] = 0.0
+        values = [shared.get(name, value) for name, value in zip(start.parameter_names, start.parameters, strict=True)]
         return start.with_parameters(np.array(values))
 
     def free(self, camera: FisheyeCamera) -> np.ndarray:
         """bool (P,): which of camera.parameters are estimated."""
         return np.array([name != "skew" or self.skew for name in camera.parameter_names])
-
-
-def _is_pupil(name: str) -> bool:
-    return name[0] == "e" and name[1:].isdigit()

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fisheye_ep_calib.camera.bracketing import last_where, rising_root
 from fisheye_ep_calib.camera.pupils import (
     PupilFamily,
     entrance_pupil,
@@ -116,27 +117,16 @@ def _solve_in_bracket(
         high[rising] = _turning_angle(rho[rising], z[rising], low[rising], high[rising], family, coefficients)
         value, _, _, _ = _equation(high, rho, z, family, coefficients)
     low = np.where((value > 0) & (rising | (high >= theta_limit)), high, low)
-    theta = 0.5 * (low + high)
-    for _ in range(80):
+
+    def equation(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value, slope, _, _ = _equation(theta, rho, z, family, coefficients)
-        low = np.where(value > 0, theta, low)
-        high = np.where(value > 0, high, theta)
-        updated = theta + value / np.where(slope > 0, slope, 1.0)
-        inside = (slope > 0) & (updated >= low) & (updated <= high)
-        updated = np.where(inside, updated, 0.5 * (low + high))
-        change = np.abs(updated - theta).max(initial=0.0)
-        theta = updated
-        if change < _SMALL_STEP:
-            break
-    return np.asarray(theta)
+        return -value, slope
+
+    return rising_root(equation, low, high, 0.5 * (low + high), _SMALL_STEP)
 
 
 def _turning_angle(
     rho: np.ndarray, z: np.ndarray, low: np.ndarray, high: np.ndarray, family: PupilFamily, coefficients: np.ndarray
 ) -> np.ndarray:
     """The angle (n,) at which g stops falling, between low, where it falls, and high, where it rises."""
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        _, slope, _, _ = _equation(middle, rho, z, family, coefficients)
-        low, high = np.where(slope > 0, middle, low), np.where(slope > 0, high, middle)
-    return low
+    return last_where(lambda theta: _equation(theta, rho, z, family, coefficients)[1] > 0, low, high)

@@ -66,11 +66,10 @@ def _text(file: CameraFile, content: dict) -> str:
     camera = file.camera
     width, height = camera.image_size
     lines = [f"{file.name}: {width}×{height} px, model {camera.model}, lens {camera.lens}"]
-    values = zip(camera.parameter_names, camera.parameters, content["sigma"], strict=True)
-    for name, value, sigma in values:
-        pupil = name in [f"e{i + 1}" for i in range(len(camera.coefficients))]
-        scale, unit = (1e3, " mm") if pupil else (1, " px") if name in ("fx", "fy", "skew", "cx", "cy") else (1, "")
-        lines.append(f"  {name:<6}{scale * value:>13.5f} ± {scale * sigma:.5f}{unit}")
+    values = zip(camera.layout.names, camera.layout.units, camera.parameters, content["sigma"], strict=True)
+    for name, unit, value, sigma in values:
+        scale, unit = (1e3, "mm") if unit == "m" else (1, unit)
+        lines.append(f"  {name:<6}{scale * value:>13.5f} ± {scale * sigma:.5f} {unit}".rstrip())
     lines.append(f"  {'θ':>5} {'E mm':>10} {'± mm':>9} {'r px':>11} {'± px':>8}")
     rows = zip(
         content["theta_deg"], content["E_m"], content["E_sigma_m"], content["r_px"], content["r_sigma_px"], strict=True

@@ -11,6 +11,8 @@ from fisheye_ep_calib.calibration import CalibrationResult, Observations
 from fisheye_ep_calib.calibration.assessing.diagnosis import RING_DEGREES, diagnose
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.planning.guidance import next_view
+from fisheye_ep_calib.rotation import placed
+from fisheye_ep_calib.target.shape.bow import board_middle
 
 REACH = (0.7, 1.0, 1.5)  # distances that are suggested, as multiples of the least, median and largest so far
 
@@ -39,8 +41,7 @@ def advise(result: CalibrationResult, observations: Observations) -> Advice:
     }
     camera = _with_pupil(result.camera)
     poses, points = result.camera_from_target, observations.object_points
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    away = np.linalg.norm(poses[:, :3, :3] @ middle + poses[:, :3, 3], axis=-1)
+    away = np.linalg.norm(placed(poses, board_middle(points)), axis=-1)
     distances = tuple(float(part) for part in np.array([away.min(), np.median(away), away.max()]) * REACH)
     wanted = next_view(camera, points, poses, distances)
     outline = _outline(result.camera, points, wanted.camera_from_target)

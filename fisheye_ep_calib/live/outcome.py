@@ -13,6 +13,7 @@ from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncert
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, plain_camera_info
+from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.live.advice import Advice, advise
 from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
 
@@ -91,9 +92,7 @@ def uncertainty_px(result: CalibrationResult) -> float:
     theta, azimuth = np.meshgrid(
         np.linspace(0.05, 0.95, 10) * result.camera.theta_max, np.linspace(0, 2 * np.pi, 8, endpoint=False)
     )
-    directions = np.stack(
-        [np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], axis=-1
-    ).reshape(-1, 3)
+    directions = direction(theta, azimuth).reshape(-1, 3)
     points = np.concatenate([distance * directions for distance in DISTANCES])
     sigma = projection_uncertainty(result.camera, result.uncertainty, result.fit.problem.free, points)
     return float(np.sqrt(np.mean(sigma[np.isfinite(sigma)] ** 2)))

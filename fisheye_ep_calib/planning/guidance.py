@@ -14,7 +14,8 @@ import numpy as np
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, sector_of
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.planning.view_information import variance_reduction, view_information
-from fisheye_ep_calib.rotation import rotation_from_vector
+from fisheye_ep_calib.rotation import placed, rotation_from_vector
+from fisheye_ep_calib.target.shape.bow import board_middle
 
 _DIRECTIONS = np.radians([0.0, 30.0, 50.0, 65.0, 78.0, 88.0])
 _AZIMUTHS = 8
@@ -93,9 +94,9 @@ def _candidate_poses(
     object_points: np.ndarray, camera_from_target: np.ndarray, distances: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Grid (F, 4) of (θ, azimuth, distance, tilt) and poses (F, 4, 4); the side that was shown so far is shown."""
-    middle = 0.5 * (object_points.min(axis=0) + object_points.max(axis=0))
-    seen = camera_from_target[:, :3, :3] @ middle + camera_from_target[:, :3, 3]
-    away = np.median((camera_from_target[:, :3, 2] * seen).sum(axis=-1)) > 0
+    middle = board_middle(object_points)
+    in_camera = placed(camera_from_target, middle)
+    away = np.median((camera_from_target[:, :3, 2] * in_camera).sum(axis=-1)) > 0
     azimuths = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
     turns = 2 * np.pi * np.arange(_TILT_AZIMUTHS) / _TILT_AZIMUTHS
     axes = np.meshgrid(_DIRECTIONS, azimuths, np.array(distances), _TILTS, turns, indexing="ij")

@@ -9,6 +9,7 @@ import numpy as np
 from fisheye_ep_calib.calibration import CalibrationResult, Observations
 from fisheye_ep_calib.calibration.assessing.camera_difference import points_on_rays
 from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
+from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.report.data import (
     CameraReport,
     Rejected,
@@ -122,7 +123,7 @@ def _uncertainty_maps(result: CalibrationResult, recorded: float) -> tuple[Uncer
     theta, azimuth = np.meshgrid(
         np.linspace(0, camera.theta_limit, _MAP_RINGS), np.linspace(0, 2 * np.pi, _MAP_SECTORS), indexing="ij"
     )
-    directions = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], axis=-1)
+    directions = direction(theta, azimuth)
     origins = np.zeros_like(directions)
     origins[..., 2] = -camera.entrance_pupil(theta)
     maps = []

@@ -37,11 +37,10 @@ def lens_curve(camera: FisheyeCamera, covariance: np.ndarray) -> LensCurve:
 
 def parameters_of(camera: FisheyeCamera, covariance: np.ndarray) -> tuple[Parameter, ...]:
     """Every parameter with its σ; the pupil's in millimetres."""
-    pupil = camera.parameter_slice("coefficients")
     rows = []
-    for index, (name, value) in enumerate(zip(camera.parameter_names, camera.parameters, strict=True)):
-        of_pupil = index in range(len(camera.parameters))[pupil]
-        scale, unit = (1e3, "mm") if of_pupil else (1.0, "px" if name in ("fx", "fy", "skew", "cx", "cy") else "")
+    named = zip(camera.layout.names, camera.layout.units, camera.parameters, strict=True)
+    for index, (name, unit, value) in enumerate(named):
+        scale, unit = (1e3, "mm") if unit == "m" else (1.0, unit)
         sigma = float(np.sqrt(max(covariance[index, index], 0.0)))
         rows.append(Parameter(name, scale * float(value), scale * sigma if sigma > 0 else float("nan"), unit))
     return tuple(rows)

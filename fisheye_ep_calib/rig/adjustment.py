@@ -25,7 +25,7 @@ from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.rotation import moved_poses
+from fisheye_ep_calib.rotation import moved_poses, placed, turn_jacobian
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 
 
@@ -168,14 +168,9 @@ def _system(problem: RigProblem, state: RigState, camera: int, moments: np.ndarr
     d_turn, d_shift = d_pose[:, :3], d_pose[:, 3:]
     parts = [np.einsum("caij,ab->cbij", d_turn, turn), np.einsum("caij,ab->cbij", d_shift, turn)]
     if camera > 0:
-        pose = state.reference_from_target[moments]
-        middle = pose[:, :3, :3] @ problem.features.board.middle + pose[:, :3, 3]
+        middle = placed(state.reference_from_target[moments], problem.features.board.middle)
         arm = (middle @ turn.T).T[..., None]  # R s, (3, B, 1)
-        carried = d_turn.copy()
-        for axis in range(3):
-            after, last = (axis + 1) % 3, (axis + 2) % 3
-            carried[:, axis] += arm[after] * d_shift[:, last] - arm[last] * d_shift[:, after]
-        parts += [carried, d_shift]
+        parts += [d_turn + turn_jacobian(arm, d_shift), d_shift]
     parts.append(found.d_camera[:, problem.views[camera].free])
     if problem.warp_free:
         parts.append(found.d_warp)

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from fisheye_ep_calib.rig.pairs import PairPose
 
@@ -28,30 +30,29 @@ class Chains:
 def join(pairs: Mapping[tuple[int, int], PairPose], cameras: int) -> Chains | None:
     """Chain pairs (a, b), a < b, from camera 0 to all others, by the pairs with most views; None where some are left.
 
-    The maximum spanning tree (Prim); an ambiguous pair is taken only where nothing else reaches a camera.
+    The maximum spanning tree; an ambiguous pair is taken only where nothing else reaches a camera.
     """
+    best_first = sorted(pairs, key=lambda pair: (pairs[pair].ambiguous, -pairs[pair].views))
+    # Ranks, so that no two weights are equal and none is 0, which would say "not joined".
+    tree = minimum_spanning_tree(_matrix(best_first, cameras))
+    order, before = breadth_first_order(tree, 0, directed=False)
+    if len(order) < cameras:
+        return None
     poses = np.tile(np.eye(4), (cameras, 1, 1))
-    before = [-1] * cameras
-    joined = {0}
-    while len(joined) < cameras:
-        reaching = [pair for pair in pairs if (pair[0] in joined) != (pair[1] in joined)]
-        if not reaching:
-            return None
-        a, b = max(reaching, key=lambda pair: (not pairs[pair].ambiguous, pairs[pair].views))
-        a_from_b = pairs[a, b].a_from_b
-        if a in joined:
-            poses[b], before[b] = np.linalg.inv(a_from_b) @ poses[a], a
-            joined.add(b)
-        else:
-            poses[a], before[a] = a_from_b @ poses[b], b
-            joined.add(a)
-    return Chains(poses, tuple(before))
+    for camera in order[1:].tolist():
+        near = int(before[camera])
+        a_from_b = pairs[min(near, camera), max(near, camera)].a_from_b
+        poses[camera] = (np.linalg.inv(a_from_b) if near < camera else a_from_b) @ poses[near]
+    return Chains(poses, tuple(int(max(near, -1)) for near in before))
 
 
 def components(pairs: Sequence[tuple[int, int]], cameras: int) -> list[list[int]]:
     """The groups of cameras that pairs join, each sorted."""
-    group = list(range(cameras))
-    for a, b in pairs:
-        old, new = group[b], group[a]
-        group = [new if number == old else number for number in group]
-    return [[camera for camera in range(cameras) if group[camera] == number] for number in sorted(set(group))]
+    count, group = connected_components(_matrix(pairs, cameras), directed=False)
+    return [np.flatnonzero(group == number).tolist() for number in range(count)]
+
+
+def _matrix(pairs: Sequence[tuple[int, int]], cameras: int) -> csr_array:
+    """The graph (C, C) whose edges are the pairs, with their ranks 1, 2, … as weights."""
+    rows, columns = np.array(pairs, dtype=int).reshape(-1, 2).T
+    return csr_array((np.arange(1.0, len(pairs) + 1), (rows, columns)), shape=(cameras, cameras))

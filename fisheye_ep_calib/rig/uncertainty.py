@@ -9,6 +9,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information, solve_scaled
 from fisheye_ep_calib.rig.adjustment import RigProblem, RigState, evaluate_rig
+from fisheye_ep_calib.rotation import motion_jacobian
 
 
 def pose_covariance(
@@ -41,8 +42,10 @@ def pose_covariance(
     inverse = solve_scaled(information[np.ix_(estimated, estimated)], np.eye(len(estimated)))
     covariance = variance * inverse
     if len(fixed):
+        from scipy.linalg import block_diag  # not before it is needed: it takes long to load
+
         sensitivity = -inverse @ information[np.ix_(estimated, fixed)]
-        covariance = covariance + sensitivity @ _block_diagonal(covariances) @ sensitivity.T
+        covariance = covariance + sensitivity @ block_diag(*covariances) @ sensitivity.T
     poses = covariance[: problem.pose_size, : problem.pose_size]
     return 0.5 * (poses + poses.T)
 
@@ -52,18 +55,8 @@ def of_inverse(camera_from_reference: np.ndarray, covariance: np.ndarray) -> np.
 
     For T = (R, t) and T⁻¹ = (Rᵀ, p), p = −Rᵀ t, steps (ω, δ) of T are steps (−Rᵀ ω, −Rᵀ [t]× ω − Rᵀ δ) of T⁻¹.
     """
-    turn, (x, y, z) = camera_from_reference[:3, :3].T, camera_from_reference[:3, 3]
+    turn, shift = camera_from_reference[:3, :3].T, camera_from_reference[:3, 3]
     jacobian = np.zeros((6, 6))
     jacobian[:3, :3] = jacobian[3:, 3:] = -turn
-    jacobian[3:, :3] = -turn @ np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    jacobian[3:, :3] = turn @ motion_jacobian(shift)[:, :3]
     return jacobian @ covariance @ jacobian.T
-
-
-def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
-    size = sum(len(block) for block in blocks)
-    matrix = np.zeros((size, size))
-    start = 0
-    for block in blocks:
-        matrix[start : start + len(block), start : start + len(block)] = block
-        start += len(block)
-    return matrix

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from fisheye_ep_calib.arrays import FloatArray
+from fisheye_ep_calib.rotation import rotation_from_vector
 from fisheye_ep_calib.simulation.patterns import printed_side
 from fisheye_ep_calib.target import Target
+from fisheye_ep_calib.target.shape.bow import board_middle
 
 # Rings of directions for a calibration: (angle off the axis in degrees, number of views).
 _PAPER_RINGS = ((0, 2), (32, 6), (58, 8), (78, 9))
@@ -29,24 +28,16 @@ def look_pose(
     tilt: angle between the line of sight and the board's normal, rad, about the axis at tilt_azimuth.
     roll: rotation of the print about the line of sight, rad.
     """
-    toward = _axis_rotation([-np.sin(azimuth), np.cos(azimuth), 0], theta)
-    tilted = _axis_rotation([np.cos(tilt_azimuth), np.sin(tilt_azimuth), 0], tilt)
-    rotation = toward @ tilted @ _axis_rotation([0, 0, 1], roll)
+    toward = rotation_from_vector(theta * np.array([-np.sin(azimuth), np.cos(azimuth), 0]))
+    tilted = rotation_from_vector(tilt * np.array([np.cos(tilt_azimuth), np.sin(tilt_azimuth), 0]))
+    rotation = toward @ tilted @ rotation_from_vector(np.array([0, 0, roll]))
     if printed_side(target) > 0:
-        rotation = rotation @ _axis_rotation([1, 0, 0], np.pi)
-    middle = (target.object_points.min(axis=0) + target.object_points.max(axis=0)) / 2
+        rotation = rotation @ np.diag([1.0, -1.0, -1.0])
+    middle = board_middle(target.object_points)
     pose = np.eye(4)
     pose[:3, :3] = rotation
     pose[:3, 3] = toward @ [0, 0, distance] - rotation @ middle
     return pose
-
-
-def _axis_rotation(axis: Sequence[float], angle: float) -> FloatArray:
-    """Rotation (3, 3) by an angle, rad, about a unit axis (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    result: FloatArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return result
 
 
 def paper_poses(target: Target, seed: int = 0) -> np.ndarray:

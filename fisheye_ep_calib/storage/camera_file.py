@@ -19,6 +19,7 @@ import yaml
 
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.camera.camera_info import camera_info_content, plain_camera_info
+from fisheye_ep_calib.camera.parameters import PIXEL_NAMES
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
@@ -66,7 +67,7 @@ def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
         "schema": SCHEMA,
         "model": camera.model,
         "lens": camera.lens,
-        "intrinsics": {key: float(getattr(camera, key)) for key in ("fx", "fy", "skew", "cx", "cy")},
+        "intrinsics": {key: float(getattr(camera, key)) for key in PIXEL_NAMES},
         "radial": _floats(camera.radial),
         **{
             extra: _floats(camera.extras.get(extra, (0.0,) * len(family.coefficient_names)))

@@ -10,6 +10,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
+from fisheye_ep_calib.camera.directions import direction
 
 SECTOR_NAMES = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
 
@@ -44,6 +45,5 @@ def reachable(camera: FisheyeCamera, rings: int, ring_degrees: float, sectors: i
     """bool (rings, sectors): whether the image shows the direction in the middle of the ring and sector."""
     theta = np.radians(ring_degrees * (np.arange(rings) + 0.5))
     theta, azimuth = np.meshgrid(theta, 2 * np.pi * np.arange(sectors) / sectors, indexing="ij")
-    directions = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)], -1)
-    pixels, valid = camera.project(directions * FAR)
+    pixels, valid = camera.project(FAR * direction(theta, azimuth))
     return valid & (pixels >= 0).all(axis=-1) & (pixels <= np.array(camera.image_size) - 1).all(axis=-1)

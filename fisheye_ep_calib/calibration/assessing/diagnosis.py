@@ -17,6 +17,7 @@ from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, of_images, refine
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
+from fisheye_ep_calib.camera.parameters import pupil_names
 
 RING_DEGREES = 15
 SECTORS = len(SECTOR_NAMES)
@@ -68,7 +69,7 @@ def diagnose(
     theta, azimuth, distance = _sighting_geometry(fit)
     counts = coverage(theta, azimuth, RING_DEGREES, SECTORS)
     in_image = reachable(camera, len(counts), RING_DEGREES, SECTORS)
-    view_rms = _view_rms(fit)
+    view_rms = fit.view_rms
     split = split_near_far(fit, distance)
     findings = [
         _coverage(counts, in_image),
@@ -134,8 +135,7 @@ def _pupil_against_depth(fit: Fit) -> Finding:
     names, _ = fit.shared_parameters
     row = np.zeros(len(names))
     basis = camera.pupil_family.basis(np.array(angle), len(camera.coefficients))
-    for term, value in enumerate(basis):
-        row[names.index(f"e{term + 1}")] = value
+    row[[names.index(name) for name in pupil_names(len(basis))]] = basis
     shared = known.shared
     spread = np.sqrt((row @ shared @ row) * (depth_row @ shared @ depth_row + own))
     correlation = float(row @ shared @ depth_row / spread) if spread > 0 else 0.0
@@ -207,16 +207,6 @@ def _near_far(split: NearFarSplit, pupil: bool) -> Finding:
             else "let a pupil be estimated (model auto), or record only at the distance of use"
         ),
     )
-
-
-def _view_rms(fit: Fit) -> np.ndarray:
-    observations, used = fit.sightings.observations, fit.used
-    error, _, _ = fit.residuals
-    square = (error[used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
-    view = np.searchsorted(fit.sightings.images, observations.image_index[used])
-    views = len(fit.sightings.images)
-    count = np.maximum(np.bincount(view, minlength=views), 1)
-    return np.sqrt(np.bincount(view, weights=square, minlength=views) / count)
 
 
 def _hanging_together(clustering: float) -> list[Finding]:

@@ -16,6 +16,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.assessing.uncertainty import Uncertainty
 from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.camera.bands import pupil_sigma
+from fisheye_ep_calib.camera.parameters import pupil_names
 
 _SAMPLES = 60  # angles
 
@@ -56,6 +57,6 @@ def _step(chosen: Fit, other: Fit, theta: np.ndarray, sigma: np.ndarray) -> np.n
     step = np.array([theirs.get(name, value) - value for name, value in zip(names, values, strict=True)])
     basis = camera.pupil_family.basis(theta, len(camera.coefficients)) / sigma
     difference = (other.state.camera.entrance_pupil(theta) - camera.entrance_pupil(theta)) / sigma
-    pupil = [names.index(f"e{term + 1}") for term in range(len(camera.coefficients))]
+    pupil = [names.index(name) for name in pupil_names(len(camera.coefficients))]
     step[pupil] = np.linalg.lstsq(basis.T, difference, rcond=None)[0]
     return step

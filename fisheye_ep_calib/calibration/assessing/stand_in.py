@@ -12,6 +12,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.camera_difference import SAME_PIXEL, points_on_rays
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
+from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.errors import CalibrationError, InputError
 
 LOSS_DISTANCES = (0.1, 0.3, 1.0, 10.0)  # metres
@@ -87,9 +88,7 @@ def _project(camera: FisheyeCamera, points: np.ndarray) -> np.ndarray:
 def _field(camera: FisheyeCamera) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest pixel (2,) of the part of the image within theta_max, which may be small."""
     azimuth = np.radians(np.arange(0, 360, 5))
-    theta = 0.999 * camera.theta_limit
-    rim = np.stack([np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta) + 0 * azimuth], -1)
-    pixels = _project(camera, FAR * rim)
+    pixels = _project(camera, FAR * direction(0.999 * camera.theta_limit, azimuth))
     last = np.array(camera.image_size) - 1.0
     return np.clip(pixels.min(axis=0), 0, last), np.clip(pixels.max(axis=0), 0, last)
 

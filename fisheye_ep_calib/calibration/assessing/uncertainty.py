@@ -15,7 +15,8 @@ from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_inf
 from fisheye_ep_calib.calibration.estimating.prediction import predict
 from fisheye_ep_calib.calibration.estimating.robust import noise_variance
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
-from fisheye_ep_calib.rotation import motion_jacobian
+from fisheye_ep_calib.camera.directions import direction
+from fisheye_ep_calib.rotation import motion_jacobian, placed, turn_jacobian
 
 _SURE = 3.0  # standard errors beyond which residuals are taken to hang together
 
@@ -91,13 +92,8 @@ def _gauge(fit: Fit) -> np.ndarray:
         )
         # d_pose turns about the board's middle c; turning about the camera's origin adds c × ∂pixel/∂p.
         columns = found.d_pose * block.weights
-        middle = poses[:, :3, :3] @ fit.problem.features.board.middle + poses[:, :3, 3]
-        offset, d_point = middle[..., None], columns[:, 3:]
-        turn = columns[:, :3].copy()
-        for axis in range(3):
-            after, last = (axis + 1) % 3, (axis + 2) % 3
-            turn[:, axis] += offset[:, after] * d_point[:, last] - offset[:, last] * d_point[:, after]
-        columns[:, :3] = turn
+        middle = placed(poses, fit.problem.features.board.middle).T[..., None]
+        columns[:, :3] += turn_jacobian(middle, columns[:, 3:])
         shared = [found.d_camera[:, free]] + ([found.d_warp] if fit.problem.warp_free else [])
         shared_columns = np.concatenate(shared, axis=1) * block.weights
         motion += np.einsum("caij,cbij->ab", columns, columns, optimize=True)
@@ -124,8 +120,7 @@ def projection_table(camera: FisheyeCamera, known: Uncertainty, free: np.ndarray
     azimuth = np.radians(np.arange(0, 360, 45))
     distances = np.array(TABLE_DISTANCES)
     theta, turn, distance = np.meshgrid(np.radians(degrees), azimuth, np.minimum(distances, FAR), indexing="ij")
-    directions = np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn), np.cos(theta)], axis=-1)
-    points = directions * distance[..., None]
+    points = direction(theta, turn) * distance[..., None]
     points[..., 2] -= camera.entrance_pupil(theta)
     sigma = projection_uncertainty(camera, known, free, points)
     return ProjectionTable(degrees, distances, np.sqrt((sigma**2).mean(axis=1)))

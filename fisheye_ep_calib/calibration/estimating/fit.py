@@ -48,7 +48,15 @@ class Sightings:
 
     @cached_property
     def point_count(self) -> int:
-        return int(sum((block.weights > 0).sum() for block in self.blocks))
+        return int(self.view_counts.sum())
+
+    @cached_property
+    def view_counts(self) -> np.ndarray:
+        """Points used in each view (V,)."""
+        counts = np.zeros(len(self.images), dtype=int)
+        for block in self.blocks:
+            counts[block.views] = (block.weights > 0).sum(axis=-1)
+        return counts
 
     @cached_property
     def usual_weight(self) -> float:
@@ -86,6 +94,15 @@ class Fit:
     def median_px(self) -> float:
         """Median length of the residuals of the points used, in pixels whatever the unit of the weights."""
         return float(np.sqrt(np.median(self.weighted_square))) / self.sightings.usual_weight
+
+    @property
+    def view_rms(self) -> np.ndarray:
+        """``rms_px`` of each view (V,)."""
+        observations, used = self.sightings.observations, self.used
+        square = (self.residuals[0][used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
+        view = np.searchsorted(self.sightings.images, observations.image_index[used])
+        views = len(self.sightings.images)
+        return np.sqrt(np.bincount(view, square, views) / np.maximum(np.bincount(view, minlength=views), 1))
 
     @property
     def degrees_of_freedom(self) -> int:

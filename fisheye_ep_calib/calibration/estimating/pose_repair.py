@@ -14,6 +14,7 @@ from fisheye_ep_calib.calibration.estimating.adjustment import adjust, residuals
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, adjusted, of_images
 from fisheye_ep_calib.calibration.estimating.ray_pose import poses_from_rays
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.rotation import placed
 from fisheye_ep_calib.target.shape.bow import BoardFrame
 
 _SUSPICIOUS = 1.5  # times the median view's RMS
@@ -40,7 +41,7 @@ def mirrored_poses(poses: np.ndarray, board: BoardFrame) -> np.ndarray:
     With d the direction to its middle, depths along d change sign, x ← (I − 2 d dᵀ) x, and the front stays the front
     (the ambiguity of Schweighofer and Pinz, Robust Pose Estimation from a Planar Target, 2006).
     """
-    middle = poses[:, :3, :3] @ board.middle + poses[:, :3, 3]
+    middle = placed(poses, board.middle)
     direction = middle / np.linalg.norm(middle, axis=-1, keepdims=True)
     mirror = np.eye(3) - 2 * direction[:, :, None] * direction[:, None]
     result = poses.copy()
@@ -70,8 +71,8 @@ def _started_again(fit: Fit) -> Fit:
 
 def _better_poses(fit: Fit) -> np.ndarray | None:
     """Poses (V, 4, 4) with those replaced for which a better one is found; None where there is none."""
-    square, count = _by_view(fit)
-    rms = np.sqrt(square / np.maximum(count, 1))
+    square = fit.adjustment.equations.by_view[:, -1, -1]  # of each view, as the loss counts it
+    rms = np.sqrt(square / np.maximum(fit.sightings.view_counts, 1))
     looked_at = np.flatnonzero((rms > _SUSPICIOUS * np.median(rms)) | (rms > _POOR * fit.sightings.usual_weight))
     if len(looked_at) == 0:
         return None
@@ -94,11 +95,3 @@ def _better_poses(fit: Fit) -> np.ndarray | None:
         least = np.where(better, explained, least)
         any_better |= bool(better.any())
     return poses if any_better else None
-
-
-def _by_view(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of squared, weighted residuals (V,), px², as the loss counts them, and sightings (V,) of every view."""
-    observations = fit.sightings.observations
-    used = (observations.weights > 0) & np.isin(observations.image_index, fit.sightings.images)
-    view = np.searchsorted(fit.sightings.images, observations.image_index[used])
-    return fit.adjustment.equations.by_view[:, -1, -1], np.bincount(view, minlength=len(fit.sightings.images))

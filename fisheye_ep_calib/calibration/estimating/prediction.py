@@ -15,6 +15,7 @@ from fisheye_ep_calib.calibration.estimating.target_axis import project_along_ta
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.projection import not_computed, project_coordinates
+from fisheye_ep_calib.rotation import turn_jacobian
 from fisheye_ep_calib.target.discs.centroid import boundary_directions, curve_centroid
 from fisheye_ep_calib.target.shape.bow import BoardFrame
 
@@ -120,10 +121,7 @@ def _predict_points(
     middle = (camera_from_target[:, :3, :3] @ features.board.middle).T
     arms = rotated - middle.reshape(3, *[1] * (points.ndim - 3), -1, 1)
     d_pose = np.empty((2, 6, *found.u.shape))
-    for row in range(2):
-        d_pose[row, 0] = arms[1] * d_point[row, 2] - arms[2] * d_point[row, 1]
-        d_pose[row, 1] = arms[2] * d_point[row, 0] - arms[0] * d_point[row, 2]
-        d_pose[row, 2] = arms[0] * d_point[row, 1] - arms[1] * d_point[row, 0]
+    turn_jacobian(arms, d_point, out=d_pose[:, :3])
     d_pose[:, 3:] = d_point
     d_warp = not_computed()
     if warp_jacobian:

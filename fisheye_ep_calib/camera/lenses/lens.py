@@ -4,6 +4,10 @@ from typing import Protocol
 
 import numpy as np
 
+from fisheye_ep_calib.camera.bracketing import last_where, rising_root
+
+_ROUNDING = 4e-16  # rad, of 1 + θ
+
 
 class Lens(Protocol):
     """An axially symmetric central projection for unit focal length: radius r of a ray at angle θ.
@@ -45,11 +49,7 @@ def increasing_limit(lens: Lens, coefficients: np.ndarray, theta_max: float) -> 
     if falling[0] == 0:
         return 0.0
     low, high = theta[falling[0] - 1], theta[falling[0]]
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        rising = lens.radius_derivative(np.array(middle), coefficients) > 0
-        low, high = (middle, high) if rising else (low, middle)
-    return float(low)
+    return float(last_where(lambda angle: lens.radius_derivative(angle, coefficients) > 0, low, high))
 
 
 def solve_angle(
@@ -62,20 +62,12 @@ def solve_angle(
     radius = np.asarray(radius, dtype=float)
     largest = lens.radius(np.array(theta_limit), coefficients)
     valid = radius <= largest * (1 + 1e-12)
-    low = np.zeros_like(radius)
-    high = np.full_like(radius, theta_limit)
-    theta = np.minimum(radius, 0.999 * theta_limit)
-    for _ in range(60):
-        error = lens.radius(theta, coefficients) - radius
-        high = np.where(error > 0, theta, high)
-        low = np.where(error <= 0, theta, low)
-        slope = lens.radius_derivative(theta, coefficients)
-        step = error / np.where(slope > 0, slope, 1.0)
-        updated = theta - step
-        inside = (slope > 0) & (updated >= low) & (updated <= high)
-        updated = np.where(inside, updated, 0.5 * (low + high))
-        change = np.abs(updated - theta)
-        theta = updated
-        if not (change[valid] > 4e-16 * (1 + theta[valid])).any():
-            break
+    reached = np.minimum(radius, largest)
+
+    def error(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return lens.radius(theta, coefficients) - reached, lens.radius_derivative(theta, coefficients)
+
+    start = np.minimum(reached, 0.999 * theta_limit)
+    low, high = np.zeros_like(reached), np.full_like(reached, theta_limit)
+    theta = rising_root(error, low, high, start, _ROUNDING)
     return np.where(valid, theta, theta_limit), valid

@@ -38,9 +38,14 @@ class BoardFrame:
         return np.stack([1 - x * x, 1 - y * y, x * y])
 
 
+def board_middle(object_points: np.ndarray) -> np.ndarray:
+    """The middle (3,) of points (n, 3), metres: of the box around them."""
+    return 0.5 * (object_points.min(axis=0) + object_points.max(axis=0))
+
+
 def board_frame(object_points: np.ndarray) -> BoardFrame:
     """The frame of points (n, 3), metres; a board in a plane z = constant keeps its x and y axes."""
-    middle = 0.5 * (object_points.min(axis=0) + object_points.max(axis=0))
+    middle = board_middle(object_points)
     extent = np.ptp(object_points, axis=0)
     size = max(float(extent.max()), 1e-12)
     axes = np.eye(3)
