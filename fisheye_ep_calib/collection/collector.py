@@ -18,8 +18,12 @@ from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, sizes
 from fisheye_ep_calib.collection.workers import Job
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.planning.image_choice import FrameChoice, first_look, next_look
+from fisheye_ep_calib.planning.moment_choice import first_moments, next_moments
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
+
+_SEARCH = "looking for the target"
+_ALL = "all topics"
 
 
 @dataclass(frozen=True)
@@ -87,9 +91,7 @@ class Collector:
         be read or is left out.
         """
         choice = choice or FrameChoice()
-        if self._log_path is not None:
-            key = search_key(self._recording, topics, self._target)
-            self._log = DetectionLog(self._log_path, key, self._recording.fingerprint, self._resume)
+        self._open_log(topics)
         counts = {topic: self._recording.count(topic) for topic in topics}
         first = {topic: first_look(counts[topic], choice) for topic in topics}
         seen: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
@@ -99,13 +101,31 @@ class Collector:
             return [Job(topic, index) for index in self._next_look(seen[topic], counts[topic], choice)]
 
         jobs = {topic: [Job(topic, index) for index in first[topic]] for topic in topics}
-        interrupted = self._look("looking for the target", expected, jobs, seen, next_jobs, self._log)
-        runs = {}
-        for topic in topics:
-            frames = without_strays(_in_order(seen[topic]))
-            self._refuse_strays(frames)
-            runs[topic] = DetectionRun(topic, counts[topic], frames, interrupted)
-        return runs
+        interrupted = self._look(_SEARCH, expected, jobs, seen, next_jobs, self._log)
+        return self._runs(seen, interrupted)
+
+    def collect_moments(self, topics: Sequence[str], moments: np.ndarray, most: int) -> dict[str, DetectionRun]:
+        """Look at images that several cameras took at the same time: some moments, then those next to shared views.
+
+        moments (m, topics): an image's number for each topic, −1 where it has none. most: look at so many moments.
+        Ends as ``collect`` does.
+        """
+        self._open_log(topics)
+        seen: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
+
+        def jobs_of(rows: np.ndarray) -> list[Job]:
+            return [Job(topics[c], int(moments[row, c])) for row in rows for c in np.flatnonzero(moments[row] >= 0)]
+
+        def next_jobs(_: str) -> list[Job]:
+            results = [[seen[topic].get(image) for topic, image in zip(topics, row, strict=True)] for row in moments]
+            looked = np.array([any(row) for row in results])
+            shared = np.array([sum(bool(result and result.found) for result in row) > 1 for row in results])
+            return jobs_of(next_moments(looked, shared, most))
+
+        first = jobs_of(first_moments(len(moments), most))
+        expected = min(most, len(moments)) * len(topics)
+        interrupted = self._look(_SEARCH, expected, {_ALL: first}, seen, next_jobs, self._log, lambda topic: _ALL)
+        return self._runs(seen, interrupted)
 
     def refine(self, guides: Sequence[Guide]) -> dict[str, DetectionRun]:
         """Look again, where a first calibration says the target is, at the views that have a pose.
@@ -139,33 +159,51 @@ class Collector:
         seen: dict[str, dict[int, FrameResult]],
         next_jobs: Callable[[str], Sequence[Job]] = lambda topic: (),
         log: DetectionLog | None = None,
+        part_of: Callable[[str], str] = lambda topic: topic,
     ) -> bool:
         """Fill in ``seen``, topic by topic in rounds; while one is planned the others' go on. True if interrupted.
 
-        expected: how many images the step may come to look at.
-        next_jobs: a topic's next round, once it has been seen whole; none where it is done.
+        expected: how many images the step may come to look at. part_of: topics of the same part, of which ``jobs`` has
+        the first rounds, are seen in common rounds. next_jobs: a part's next round, once it has been seen whole; none
+        where it is done.
         """
-        left = {topic: len(round_of) for topic, round_of in jobs.items()}
+        left = {part: len(round_of) for part, round_of in jobs.items()}
         looked = views = 0
         try:
             self._on_progress(Progress(step, 0, expected, 0))
             known = deque(result for round_of in jobs.values() for result in self._begin(round_of, log))
             while (result := known.popleft() if known else self._workers.next_result()) is not None:
-                topic = result.topic
-                self._note(result, seen[topic], log)
+                part = part_of(result.topic)
+                self._note(result, seen[result.topic], log)
                 looked, views = looked + 1, views + result.found
                 if looked < expected:
                     self._on_progress(Progress(step, looked, expected, views))
-                left[topic] -= 1
-                if left[topic] == 0:
-                    following = next_jobs(topic) if sizes_differ(_in_order(seen[topic])) is None else ()
-                    left[topic] = len(following)
+                left[part] -= 1
+                if left[part] == 0:
+                    of_one_size = all(
+                        sizes_differ(_in_order(seen[one])) is None for one in seen if part_of(one) == part
+                    )
+                    following = next_jobs(part) if of_one_size else ()
+                    left[part] = len(following)
                     known.extend(self._begin(following, log))
             self._on_progress(Progress(step, looked, looked, views))  # what else was expected promised nothing new
         except KeyboardInterrupt:
             self._workers.close()
             return True
         return False
+
+    def _open_log(self, topics: Sequence[str]) -> None:
+        if self._log_path is not None:
+            key = search_key(self._recording, topics, self._target)
+            self._log = DetectionLog(self._log_path, key, self._recording.fingerprint, self._resume)
+
+    def _runs(self, seen: Mapping[str, Mapping[int, FrameResult]], interrupted: bool) -> dict[str, DetectionRun]:
+        runs = {}
+        for topic, results in seen.items():
+            frames = without_strays(_in_order(results))
+            self._refuse_strays(frames)
+            runs[topic] = DetectionRun(topic, self._recording.count(topic), frames, interrupted)
+        return runs
 
     def _begin(self, jobs: Sequence[Job], log: DetectionLog | None) -> list[FrameResult]:
         """Have images looked at; returns at once what the log knows from an earlier run."""

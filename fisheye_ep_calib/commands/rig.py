@@ -6,19 +6,26 @@ import argparse
 import math
 import os
 import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from fisheye_ep_calib.collection.progress import ProgressBars
 from fisheye_ep_calib.commands.reporting import refuse_existing
-from fisheye_ep_calib.commands.rig_sources import Seen, what_cameras_saw
-from fisheye_ep_calib.commands.sources import safe_name
+from fisheye_ep_calib.commands.sources import add_resume_argument, add_worker_arguments, topics_given
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.pipeline import Look
+from fisheye_ep_calib.pipeline.found_so_far import Log
+from fisheye_ep_calib.pipeline.names import safe_name
+from fisheye_ep_calib.pipeline.rig_looking import RigSource, rig_sources
 from fisheye_ep_calib.rig import USUAL_TOLERANCE, RigCalibration, RigCamera, calibrate_rig
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
+from fisheye_ep_calib.storage.results_folder import beside
 from fisheye_ep_calib.storage.rig_file import CAMCHAIN, RIG, rig_files
 
 DESCRIPTION = (
@@ -61,9 +68,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="none",
         help="auto: the cameras' clocks differ by constants, which are found by how the target moved (default: none)",
     )
-    parser.add_argument("--max-moments", type=int, default=150, metavar="N", help="look at N times (default: 150)")
-    parser.add_argument("--strict", action="store_true", help="refuse damaged recordings and images")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    looking = parser.add_argument_group("which images to look at")
+    looking.add_argument("--max-moments", type=int, default=150, metavar="N", help="look at N times (default: 150)")
+    add_worker_arguments(looking)
     parser.add_argument("--board-warp", action="store_true", help="estimate the bow of the target too")
     parser.add_argument(
         "--unmistakable",
@@ -74,6 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output", type=Path, default=Path("."), metavar="DIR", help="folder for the results (default: .)"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace earlier results in DIR")
+    add_resume_argument(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
 
 
@@ -82,34 +90,63 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--tolerance must not be negative")
     if arguments.max_moments < 2:
         raise InputError("--max-moments must be at least 2")
-    paths = _cameras(arguments.camera)
+    output, paths = arguments.output, _cameras(arguments.camera)
     names = (RIG, CAMCHAIN, *(f"{OBSERVATIONS}/{name}.npz" for name in paths))
-    refuse_existing([arguments.output / name for name in names], arguments.overwrite)
+    refuse_existing([output / name for name in names], arguments.overwrite)
     files = {name: read_camera_file(path) for name, path in paths.items()}
-    seen = what_cameras_saw(list(files), arguments)
-    for name, one in seen.items():
-        if one.topic:
-            save_observations(arguments.output / OBSERVATIONS / f"{name}.npz", one.observations)
-    cameras = [_rig_camera(name, files[name], seen[name]) for name in files]
+    cameras = {name: file.camera for name, file in files.items()}
+    with _look(arguments) as look:
+        given = rig_sources(
+            arguments.source, arguments.target, cameras, look, arguments.tolerance, arguments.time_offset == "auto"
+        )
+        with given as seen:
+            for name, one in seen.items():
+                if one.topic:
+                    save_observations(output / OBSERVATIONS / f"{name}.npz", one.observations)
+    found = _calibrated(files, seen, arguments)
+    topics = {name: one.topic for name, one in seen.items() if one.topic}
+    beside_it = {name: os.path.relpath(path, output) for name, path in paths.items()}
+    stand_ins = [file.stand_in for file in files.values()]
+    for name, text in rig_files(found, beside_it, stand_ins, topics).items():
+        atomic_write(output / name, text.encode())
+    print(_text(found, output), file=sys.stderr if arguments.json else sys.stdout)
+    if arguments.json:
+        print(json_text({**found.to_dict(), "yaml": str(output / RIG), "camchain": str(output / CAMCHAIN)}))
+    if not found.converged:
+        raise CalibrationError(f"the fit did not converge; its best state is in {output / RIG}")
+    return 0
+
+
+@contextmanager
+def _look(arguments: argparse.Namespace) -> Iterator[Look]:
+    """How to look, by the arguments; with bars of its progress."""
+    with ProgressBars() as bars:
+        yield Look(
+            topics_given(arguments.topic),
+            max_views=arguments.max_moments,
+            strict=arguments.strict,
+            workers=arguments.workers,
+            scheduler=arguments.scheduler,
+            log=Log(beside(arguments.output, "rig_detections.jsonl"), arguments.resume),
+            on_progress=bars,
+        )
+
+
+def _calibrated(
+    files: Mapping[str, CameraFile], seen: Mapping[str, RigSource], arguments: argparse.Namespace
+) -> RigCalibration:
+    cameras = [
+        RigCamera(name, file.camera, seen[name].observations, seen[name].stamps_ns, file.covariance)
+        for name, file in files.items()
+    ]
     numbered = any(one.numbered for one in seen.values())
-    found = calibrate_rig(
+    return calibrate_rig(
         cameras,
         tolerance=0.0 if numbered else arguments.tolerance,
         unmistakable=arguments.unmistakable or all(one.unmistakable for one in seen.values()),
         warp_free=arguments.board_warp,
         find_clocks=arguments.time_offset == "auto",
     )
-    topics = {name: one.topic for name, one in seen.items() if one.topic}
-    beside = {name: os.path.relpath(path, arguments.output) for name, path in paths.items()}
-    stand_ins = [file.stand_in for file in files.values()]
-    for name, text in rig_files(found, beside, stand_ins, topics).items():
-        atomic_write(arguments.output / name, text.encode())
-    print(_text(found, arguments.output), file=sys.stderr if arguments.json else sys.stdout)
-    if arguments.json:
-        print(json_text(_json(found, arguments.output)))
-    if not found.converged:
-        raise CalibrationError(f"the fit did not converge; its best state is in {arguments.output / RIG}")
-    return 0
 
 
 def _cameras(given: list[str]) -> dict[str, Path]:
@@ -124,11 +161,6 @@ def _cameras(given: list[str]) -> dict[str, Path]:
     if len(paths) < 2:
         raise InputError("a rig has two cameras at least: repeat --camera NAME=CAMERA.yaml")
     return paths
-
-
-def _rig_camera(name: str, file: CameraFile, seen: Seen) -> RigCamera:
-    covariance = file.covariance if np.any(file.covariance) else None
-    return RigCamera(name, file.camera, seen.observations, seen.stamps_ns, covariance)
 
 
 def _text(rig: RigCalibration, output: Path) -> str:
@@ -163,7 +195,3 @@ def _text(rig: RigCalibration, output: Path) -> str:
         lines.append(f"  not used, as they contradict the others: {', '.join(contradicting[:8])}{more}")
     lines.append(f"  wrote {output / RIG} and {output / CAMCHAIN}")
     return "\n".join(lines)
-
-
-def _json(rig: RigCalibration, output: Path) -> dict:
-    return {**rig.to_dict(), "yaml": str(output / RIG), "camchain": str(output / CAMCHAIN)}

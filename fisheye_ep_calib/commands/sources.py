@@ -42,6 +42,11 @@ def add_looking_arguments(parser: argparse.ArgumentParser) -> None:
     which = looking.add_mutually_exclusive_group()
     which.add_argument("--every", type=int, metavar="N", help="every N-th image, whatever it shows")
     which.add_argument("--all", action="store_true", help="every image")
+    add_worker_arguments(looking)
+
+
+def add_worker_arguments(looking: argparse._ArgumentGroup) -> None:
+    """Who looks at the images, and how strictly."""
     looking.add_argument("--strict", action="store_true", help="refuse damaged recordings and images")
     looking.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     looking.add_argument(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from fisheye_ep_calib.calibration import Observations
-from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
+from fisheye_ep_calib.calibration.assessing.evaluation import where_to_look_again
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.overlay import OverlayRequest, draw_overlay
@@ -84,8 +84,7 @@ def second_look(
 ) -> Detection:
     """Find the target again where the camera, and the pose from what was found first, say that it is.
 
-    What was found first where nothing comes of it. The camera is believed as far out as the first look saw the target:
-    a camera from few views has evidence of the middle of the image alone.
+    What was found first where nothing comes of it.
     """
     if len(first) == 0:
         return first
@@ -98,9 +97,8 @@ def second_look(
         disc_radius=target.disc_radius,
     )
     try:
-        found = evaluate_camera(camera, observations)
+        guide, poses = where_to_look_again(camera, observations)
     except CalibrationError:
         return first
-    reach = max(camera.theta_max, float(np.nanmax(found.theta)))
-    again = detector.detect_guided(image, replace(camera, theta_max=reach), found.camera_from_target[0])
+    again = detector.detect_guided(image, guide, poses[0])
     return again if len(again) else first

@@ -30,7 +30,7 @@ class Outcome:
 
     advice: what is still lacking; None where nothing is known about it.
     uncertainty_px: RMS over the field of the projection's standard deviation, px per axis; NaN where unknown.
-    covariance (P, P): of the camera's parameters; None where unknown.
+    covariance (P, P): of the camera's parameters; zero, or None, where unknown.
     """
 
     camera: FisheyeCamera
@@ -83,7 +83,7 @@ def outcome_of_file(path: Path) -> Outcome:
         yaml=path.read_text(encoding="utf-8"),
         info=plain_camera_info(file.stand_in),
         figures=figures,
-        covariance=file.covariance if np.any(file.covariance) else None,
+        covariance=file.covariance,
     )
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
+
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.collection.progress import OnProgress, unheard
@@ -65,7 +67,14 @@ class Looking:
 
     def first_look(self) -> list[CameraSource]:
         """What every camera saw. Raises Interrupted where the user ended it."""
-        runs = self.collector.collect(tuple(self.topics.values()), self.choice)
+        return self._first(self.collector.collect(tuple(self.topics.values()), self.choice))
+
+    def first_look_together(self, moments: np.ndarray) -> list[CameraSource]:
+        """The same for images taken at the same time, moments (m, topics): an image's number each, −1 for none."""
+        topics = tuple(self.topics.values())
+        return self._first(self.collector.collect_moments(topics, moments, self.choice.max_views))
+
+    def _first(self, runs: Mapping[str, DetectionRun]) -> list[CameraSource]:
         _refuse_interrupted(runs)
         cameras = [self._camera(name, runs[topic], self.opened) for name, topic in self.topics.items()]
         if all(isinstance(camera.found, InputError) for camera in cameras):
@@ -95,7 +104,7 @@ def looking(source: Source, target: str | PathLike | Target | None, look: Look) 
     if log is not None and log.resume and not log.path.exists():
         _log.info("nothing to resume: there is no %s", log.path)
     began = time.perf_counter()
-    with _opened(source, look.strict) as recording:
+    with opened(source, look.strict) as recording:
         for problem in recording.problems:
             _log.warning("%s", problem)
         for note in recording.notes:
@@ -136,7 +145,7 @@ def camera_sources(
     source: a recording, or observation files (.npz), of which ``split`` marks those to use. before_looking: is called
     with the cameras' names before the images are looked at, to refuse what cannot end well.
     """
-    files = _observation_files(source)
+    files = observation_files(source)
     if files:
         for option in ("topics", "every"):
             if getattr(look, option):
@@ -152,7 +161,7 @@ def camera_sources(
         yield place.first_look(), place.look_again
 
 
-def _observation_files(source: Source) -> list[Path]:
+def observation_files(source: Source) -> list[Path]:
     """The observation files given; none where it is a recording. Raises InputError for both at once."""
     paths = [] if isinstance(source, Recording) else _paths(source)
     files = [path for path in paths if path.suffix == ".npz"]
@@ -165,7 +174,7 @@ def _paths(source: Path_ | Sequence[Path_]) -> list[Path]:
     return [Path(path) for path in ([source] if isinstance(source, str | PathLike) else source)]
 
 
-def _opened(source: Source, strict: bool):
+def opened(source: Source, strict: bool):
     if isinstance(source, Recording):
         return nullcontext(source)
     return open_recording(source, strict=strict)

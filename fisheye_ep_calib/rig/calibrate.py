@@ -45,7 +45,7 @@ _HUBER = 3.0  # times the spread: where a sighting stops counting fully
 class RigCamera:
     """One camera and what it saw. stamps_ns: when each image was taken, by image number.
 
-    covariance (P, P): of the camera's parameters, as its file gives it; None: they are taken as exact.
+    covariance (P, P): of the camera's parameters, as its file gives it; zero, or None: they are taken as exact.
     """
 
     name: str

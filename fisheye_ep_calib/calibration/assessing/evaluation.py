@@ -93,6 +93,20 @@ def evaluate_camera(
     )
 
 
+def where_to_look_again(
+    camera: FisheyeCamera, observations: Observations
+) -> tuple[FisheyeCamera, dict[int, np.ndarray]]:
+    """A camera and poses (4, 4) by image number, by which to find in images what the observations have missed.
+
+    The camera is believed as far out as the observations reach: one from few views has evidence of the middle of the
+    image alone, and would lose what was found beyond it. Raises CalibrationError where no view fits the camera.
+    """
+    found = evaluate_camera(camera, observations)
+    reach = max(camera.theta_max, float(np.nanmax(found.theta)))
+    poses = dict(zip(found.images.tolist(), found.camera_from_target, strict=True))
+    return replace(camera, theta_max=reach), poses
+
+
 def _close_ups_refitted(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings) -> AdjustmentState:
     """Poses in which views far off their points are refitted: rays do not meet in one point, least of all close up."""
     off = np.flatnonzero(_median_error(problem, state, sightings) > _FAR_OFF * max(sightings.observations.image_size))
