@@ -104,7 +104,7 @@ def looking(source: Source, target: str | PathLike | Target | None, look: Look) 
     if log is not None and log.resume and not log.path.exists():
         _log.info("nothing to resume: there is no %s", log.path)
     began = time.perf_counter()
-    with opened(source, look.strict) as recording:
+    with opened_once(source, look.strict) as recording:
         for problem in recording.problems:
             _log.warning("%s", problem)
         for note in recording.notes:
@@ -174,7 +174,7 @@ def _paths(source: Path_ | Sequence[Path_]) -> list[Path]:
     return [Path(path) for path in ([source] if isinstance(source, str | PathLike) else source)]
 
 
-def opened(source: Source, strict: bool):
+def opened_once(source: Source, strict: bool):
     if isinstance(source, Recording):
         return nullcontext(source)
     return open_recording(source, strict=strict)

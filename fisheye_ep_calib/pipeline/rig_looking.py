@@ -17,7 +17,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline.camera_source import CameraSource, sources_of_files
-from fisheye_ep_calib.pipeline.looking import Look, Looking, Source, looking, observation_files, opened
+from fisheye_ep_calib.pipeline.looking import Look, Looking, Source, looking, observation_files, opened_once
 from fisheye_ep_calib.pipeline.names import camera_name, checked_topics
 from fisheye_ep_calib.pipeline.rig_moments import Stamps, recorded_moments, recorded_stamps
 from fisheye_ep_calib.rig import USUAL_TOLERANCE
@@ -62,7 +62,7 @@ def rig_sources(
     if files:
         yield _of_files(tuple(cameras), files)
         return
-    with opened(source, look.strict) as recording:
+    with opened_once(source, look.strict) as recording:
         topics = _topics(tuple(cameras), recording, look)
         stamps = recorded_stamps(topics, recording)
         moments = recorded_moments(stamps, tolerance, clocks_differ)
