@@ -114,7 +114,8 @@ class Collector:
         seen: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
 
         def jobs_of(rows: np.ndarray) -> list[Job]:
-            return [Job(topics[c], int(moments[row, c])) for row in rows for c in np.flatnonzero(moments[row] >= 0)]
+            pairs = [(c, int(image)) for row in rows for c, image in enumerate(moments[row]) if image >= 0]
+            return [Job(topics[c], image) for c, image in pairs]
 
         def next_jobs(_: str) -> list[Job]:
             results = [[seen[topic].get(image) for topic, image in zip(topics, row, strict=True)] for row in moments]

@@ -55,7 +55,7 @@ def rig_sources(
     """For each camera of the rig, by name. What was found meanwhile is kept until this is left in peace.
 
     look: its ``max_views`` counts moments. Each image is looked at a second time, where its camera says that the
-    target is. tolerance: seconds within which images are of the same time. clocks_differ: as ``recorded_moments`` has it.
+    target is. tolerance: seconds within which images are of the same time. clocks_differ: as in ``recorded_moments``.
     Raises InputError where a camera has no source.
     """
     files = observation_files(source)

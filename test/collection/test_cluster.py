@@ -57,6 +57,18 @@ def test_a_cluster_finds_the_same_to_the_bit(two_workers, tmp_path, monkeypatch)
     assert same(here, there) and 50 < len(here.views) <= 150
 
 
+def test_moments_of_several_cameras_too(two_workers, tmp_path):
+    topics = ["/left/image_raw", "/right/image_raw"]
+    both = [message for topic in topics for message in messages(moving(60), topic)]
+    path = write_mcap(tmp_path / "two.mcap", sorted(both, key=lambda message: message[1]))
+    moments = np.stack([np.arange(60), np.arange(60)], axis=1)
+    runs = []
+    for options in ({}, {"scheduler": two_workers}):
+        with open_recording(path) as recording, Collector(recording, TARGET, **options) as collector:
+            runs.append(collector.collect_moments(topics, moments, 20))
+    assert all(len(runs[0][topic].frames) == 20 and same(runs[0][topic], runs[1][topic]) for topic in topics)
+
+
 def test_bad_images_are_counted_and_named_there_too(two_workers, tmp_path):
     folder = write_folder(tmp_path / "front", [picture(), picture(ABSENT), picture(CRASHES), picture(x=30), picture()])
     (folder / "frame4.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")

@@ -58,6 +58,52 @@ def test_the_result_does_not_depend_on_the_number_of_workers(two_cameras):
             assert observed.image_names == expected.image_names
 
 
+def shared_for_a_while():
+    """Two cameras in step for 300 images; both see the target from the 120th to the 150th, one alone elsewhere."""
+    left, right = moving_pictures(300, 1), moving_pictures(300, 2)
+    for number in range(300):
+        if not 120 <= number < 150:
+            (left if number % 2 else right)[number] = picture(ABSENT)
+    both = messages(left, LEFT) + messages(right, RIGHT, start_ns=START_NS + 5)
+    return sorted(both, key=lambda m: m[1])
+
+
+def collect_moments(path, most=60, **options):
+    moments = np.stack([np.arange(300), np.arange(300)], axis=1)
+    moments[200, 1] = -1
+    with open_recording(path) as recording, Collector(recording, TARGET, **options) as collector:
+        return collector.collect_moments([LEFT, RIGHT], moments, most)
+
+
+def test_moments_are_looked_at_together_next_to_those_that_two_cameras_saw(tmp_path):
+    path = write_mcap(tmp_path / "two.mcap", shared_for_a_while())
+    runs = [collect_moments(path, workers=workers) for workers in (0, 2, 3)]
+    looked = [frame.index for frame in runs[0][LEFT].frames]
+    assert len(looked) == 60 and {frame.index for frame in runs[0][RIGHT].frames} == set(looked) - {200}
+    assert set(range(120, 150)) <= set(looked)
+    for run in runs[1:]:
+        for topic in (LEFT, RIGHT):
+            assert [frame.index for frame in run[topic].frames] == [frame.index for frame in runs[0][topic].frames]
+            one, other = (r[topic].observations(TARGET.object_points) for r in (run, runs[0]))
+            assert one.pixels.tobytes() == other.pixels.tobytes() and one.image_names == other.image_names
+
+
+def test_moments_go_on_from_a_log(tmp_path, monkeypatch):
+    path, log = write_mcap(tmp_path / "two.mcap", shared_for_a_while()), tmp_path / "log.jsonl"
+    whole = collect_moments(path)
+    collect_moments(path, most=20, log=log)
+    looked = []
+    search = FrameWorkers.add
+    monkeypatch.setattr(
+        FrameWorkers, "add", lambda self, jobs: search(self, (looked.append(job) or job for job in jobs))
+    )
+    again = collect_moments(path, most=20, log=log, resume=True)
+    assert looked == [] and len(again[LEFT].frames) == 20
+    resumed = collect_moments(path, log=log, resume=True)
+    assert [frame.index for frame in resumed[LEFT].frames] == [frame.index for frame in whole[LEFT].frames]
+    assert 0 < len(looked) < sum(len(run.frames) for run in whole.values())
+
+
 def test_images_not_chosen_are_not_read(two_cameras, monkeypatch):
     read = []
     with open_recording(two_cameras) as recording:

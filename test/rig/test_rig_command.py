@@ -13,10 +13,12 @@ import yaml
 from simulated_rig import NAMES, cameras, errors, place, see, targets_between, write_camera
 
 from fisheye_ep_calib.cli import main
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.simulation import Imaging, StampedImage, paper_target, render, write_bag
 from fisheye_ep_calib.storage.observation_file import load_observations, save_observations
 from fisheye_ep_calib.storage.rig_file import load_rig
+from fisheye_ep_calib.target import Detection
+from fisheye_ep_calib.target.discs.circle_grid_detector import CircleGridDetector
 
 DISCS = paper_target()
 PLACES = [np.eye(4), place(60, (0.08, 0.01, -0.03), (0.05, 0.0, 0.02)), place(120, (0.05, -0.02, -0.12))]
@@ -120,6 +122,75 @@ def test_a_bag(rendered, tmp_path, capsys) -> None:
     assert main(["rig", *saved, *cameras_, "--output", str(tmp_path / "again")]) == 0
     again = load_rig(tmp_path / "again" / "rig.yaml")
     assert np.allclose(again.reference_from_camera["left"], found.reference_from_camera["left"], atol=1e-9)
+
+
+@pytest.fixture
+def bag(rendered, tmp_path) -> list[str]:
+    """The arguments that calibrate the rig of five moments in a bag; without a word about workers."""
+    models, images = rendered
+    stamped = [
+        StampedImage(f"/{NAMES[c]}/image_raw", START_NS + 10**8 * moment + 10**6 * c, NAMES[c], images[c][moment])
+        for moment in range(5)
+        for c in range(2)
+    ]
+    write_bag(tmp_path / "bag.mcap", stamped)
+    arguments = prepare(tmp_path, models)
+    del arguments[arguments.index("--workers") : arguments.index("--workers") + 2]
+    return ["rig", str(tmp_path / "bag.mcap"), *arguments]
+
+
+def seen(output: Path) -> list[bytes]:
+    return [load_observations(output / "rig_observations" / f"{name}.npz").pixels.tobytes() for name in NAMES[:2]]
+
+
+def test_any_number_of_workers_sees_the_same(bag, tmp_path) -> None:
+    for workers in ("1", "2"):
+        assert main([*bag, "--workers", workers, "--output", str(tmp_path / workers)]) == 0
+    assert seen(tmp_path / "1") == seen(tmp_path / "2")
+    texts = [(tmp_path / workers / "rig.yaml").read_text().split("date:")[0] for workers in ("1", "2")]
+    assert texts[0] == texts[1]
+
+
+def test_images_are_looked_at_again_where_the_cameras_say(bag, tmp_path, monkeypatch) -> None:
+    """The first look misses half of the target."""
+    whole = CircleGridDetector.detect
+
+    def half(self, image) -> Detection:
+        found = whole(self, image)
+        return Detection(found.point_index[::2], found.pixels[::2])
+
+    monkeypatch.setattr(CircleGridDetector, "detect", half)
+    assert main([*bag, "--workers", "1", "--output", str(tmp_path / "out")]) == 0
+    for name in NAMES[:2]:
+        observations = load_observations(tmp_path / "out" / "rig_observations" / f"{name}.npz")
+        assert np.bincount(observations.image_index).min() > 70
+
+
+def test_what_was_found_is_kept_until_it_is_written(bag, tmp_path, monkeypatch, capsys) -> None:
+    output = tmp_path / "out"
+    bag += ["--workers", "1", "--output", str(output)]
+
+    def refuse(*_) -> None:
+        raise CalibrationError("cannot write: No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fisheye_ep_calib.commands.rig.save_observations", refuse)
+        assert main(bag) == 1
+    assert "what 10 images showed is kept in" in (said := capsys.readouterr().err) and "--resume goes on" in said
+    with monkeypatch.context() as patch:
+        patch.setattr(CircleGridDetector, "detect", refuse)  # every first look is known
+        assert main([*bag, "--resume"]) == 0, capsys.readouterr().err
+    assert load_rig(output / "rig.yaml").reference == "front"
+    assert not list(tmp_path.rglob("*rig_detections*"))
+
+
+def test_a_camera_that_is_another_one_is_named(bag, tmp_path, capsys) -> None:
+    file = tmp_path / "left.yaml"
+    content = yaml.safe_load(file.read_text())
+    content["entrance_pupil"]["intrinsics"] |= {"cx": 20.0, "cy": 900.0, "fx": 100.0}
+    file.write_text(yaml.safe_dump(content))
+    assert main([*bag, "--workers", "1", "--output", str(tmp_path / "out")]) == 1
+    assert "left: no view fits the camera: is this the right camera file" in capsys.readouterr().err
 
 
 FOLDERS = {  # names of the two cameras' images, and how many are common, or why that is not known
