@@ -84,6 +84,6 @@ def _nearest(stamps: Stamps) -> str:
         for b in range(a + 1, len(names))
     )
     return (
-        f": those of {a} and {b} are {1e-9 * gap:.3f} s apart at least; give a wider `tolerance` where the target "
-        "stood still, or `time_offset` auto where the clocks differ"
+        f": those of {a} and {b} are {1e-9 * gap:.3f} s apart at least; `tolerance` SECONDS where the target "
+        "stood still, `time_offset` auto where the clocks differ"
     )
