@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from fisheye_ep_calib.camera import FisheyeCamera
     from fisheye_ep_calib.errors import CalibrationError, InputError
     from fisheye_ep_calib.storage.camera_file import load_camera, save_camera
+    from fisheye_ep_calib.version import __version__
 
 __all__ = [
     "CalibrationError",
@@ -15,6 +16,7 @@ __all__ = [
     "FisheyeCamera",
     "InputError",
     "Observations",
+    "__version__",
     "calibrate",
     "load_camera",
     "save_camera",
@@ -24,6 +26,7 @@ _MODULES = {
     "camera": ("FisheyeCamera",),
     "errors": ("CalibrationError", "InputError"),
     "storage.camera_file": ("load_camera", "save_camera"),
+    "version": ("__version__",),
 }
 
 

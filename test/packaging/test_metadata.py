@@ -8,7 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import yaml
+from catkin_pkg.changelog import get_changelog_from_path
 from catkin_pkg.package import parse_package
+
+import fisheye_ep_calib
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -26,8 +30,26 @@ def test_package_xml_is_accepted_and_complete() -> None:
 
 
 def test_one_version_everywhere() -> None:
-    package = parse_package(str(REPOSITORY / "package.xml"))
-    assert importlib.metadata.version("fisheye_ep_calib") == package.version
+    """package.xml's. What installs or cites the package reads it or is compared with it here."""
+    version = parse_package(str(REPOSITORY / "package.xml")).version
+    assert re.fullmatch(r"\d+\.\d+\.\d+", version)
+    assert importlib.metadata.version("fisheye_ep_calib") == version, "install anew: make environment"
+    assert fisheye_ep_calib.__version__ == version
+    assert yaml.safe_load((REPOSITORY / "CITATION.cff").read_text("utf-8"))["version"] == version
+    ended = subprocess.run([sys.executable, "setup.py", "--version"], cwd=REPOSITORY, capture_output=True, text=True)
+    assert ended.stdout.splitlines()[-1:] == [version], ended.stderr
+    assert version not in (REPOSITORY / "setup.py").read_text("utf-8")
+
+
+def test_the_changelog_is_read_by_ros_tools(tmp_path) -> None:
+    """They pass over what is forthcoming until it has a version and a date."""
+    version = parse_package(str(REPOSITORY / "package.xml")).version
+    text = (REPOSITORY / "CHANGELOG.rst").read_text("utf-8")
+    named = f"{version} (2026-01-01)"
+    released = text.replace("Forthcoming\n-----------\n", f"{named}\n{'-' * len(named)}\n")
+    (tmp_path / "CHANGELOG.rst").write_text(released, "utf-8")
+    newest, _, items = next(get_changelog_from_path(str(tmp_path), "fisheye_ep_calib").foreach_version(reverse=True))
+    assert newest == version and items
 
 
 def test_entry_points_exist() -> None:
