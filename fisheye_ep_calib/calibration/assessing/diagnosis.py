@@ -13,6 +13,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference, camera_difference
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
+from fisheye_ep_calib.calibration.assessing.two_cameras import PARAMETERS, two_cameras
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, of_images, refine
 from fisheye_ep_calib.camera import FisheyeCamera
@@ -79,6 +80,7 @@ def diagnose(
         _worst_view(fit, view_rms, names),
         *_hanging_together(uncertainty(fit).clustering),
         *_copies(len(fit.sightings.images), same_place or {}),
+        *_two_cameras(fit, names),
     ]
     return Diagnosis(counts, in_image, view_rms, split, tuple(findings))
 
@@ -226,6 +228,36 @@ def _copies(views: int, same_place: Mapping[int, tuple[int, ...]]) -> list[Findi
         "move the target between images"
     )
     return [Finding("copies", {"images": float(images), "places": float(views)}, True, told)]
+
+
+def _two_cameras(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
+    """Whether the residuals split the images in two groups, as those of two cameras do."""
+    pose, middle = fit.state.camera_from_target, fit.problem.features.board.middle
+    middles = pose[:, :3, :3] @ middle + pose[:, :3, 3]
+    points = 2 * fit.sightings.point_count
+    try:
+        found = two_cameras(fit.adjustment.equations, fit.shared_parameters[0], points, middles)
+    except np.linalg.LinAlgError:
+        return []
+    if found is None:
+        return []
+    shift = found.corrections[1] - found.corrections[0]
+    values = {
+        "explained": found.explained,
+        **{f"{name}_px": float(px) for name, px in zip(PARAMETERS, shift, strict=True)},
+    }
+    if not found.raised:
+        return [Finding("two_cameras", values, False, "the residuals are those of one camera")]
+    groups = [
+        f"{len(images)} ({names[int(images[0])]} … {names[int(images[-1])]})"
+        for images in (fit.sightings.images[~found.group], fit.sightings.images[found.group])
+    ]
+    told = (
+        f"the residuals split the images in two groups, {' and '.join(groups)}, whose cameras differ by "
+        f"{shift[0]:+.1f} px in fx and by ({shift[2]:+.1f}, {shift[3]:+.1f}) px in (cx, cy): are they of two cameras, "
+        "or was the focus or the mount touched in between? Calibrate each group by itself"
+    )
+    return [Finding("two_cameras", values, True, told)]
 
 
 def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...]) -> Finding:
