@@ -12,7 +12,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.simulation import Imaging, look_pose
 from fisheye_ep_calib.target.base import Target
-from fisheye_ep_calib.target.registry import TARGETS
+from fisheye_ep_calib.target.registry import TARGETS, parse_target
 from fisheye_ep_calib.target.schema import LARGEST_COUNT, Keys
 
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "config" / "targets").glob("*.yaml"))
@@ -41,6 +41,13 @@ def target_files(kind: str) -> dict[str, dict]:
         if of_base:
             return of_base
     return {"guessed": _guessed(kind)}
+
+
+def named_target(kind: str) -> tuple[Target, dict]:
+    """One target of a kind and the keys of its file: one that cannot be mistaken, where there is such a one."""
+    files = target_files(kind)
+    made = [(parse_target(keys, f"{name}.yaml", name), keys) for name, keys in files.items()]
+    return max(made, key=lambda one: one[0].unmistakable)
 
 
 class _Guess(Keys):
@@ -116,3 +123,12 @@ def turns(target: Target) -> list[np.ndarray]:
         if distance.min(axis=1).max() < 1e-9:
             found.append(distance.argmin(axis=1))
     return found
+
+
+def check_near_truth(camera: FisheyeCamera, pixels: float = 0.15) -> None:
+    """Focal lengths, centre and f·r(70°) to so many pixels, E(70°) to 0.05 mm."""
+    for name in ("fx", "fy", "cx", "cy"):
+        assert abs(getattr(camera, name) - getattr(CAMERA, name)) < pixels, name
+    edge = np.radians(70)
+    assert abs(camera.fx * camera.radius(edge) - CAMERA.fx * CAMERA.radius(edge)) < pixels
+    assert abs(camera.entrance_pupil(edge) - CAMERA.entrance_pupil(edge)) < 0.05e-3

@@ -1,0 +1,123 @@
+"""Every kind of target through every door: the same points to the bit, and a camera near the true one.
+
+The node, which chooses views by itself, is in test/ros.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from bag_writers import WRITERS, messages, write_folder
+from registered_targets import CAMERA, check_near_truth, imaging, named_target, spread_views
+
+from fisheye_ep_calib import Observations, load_camera
+from fisheye_ep_calib.calibration import CalibrationResult
+from fisheye_ep_calib.collection import Collector
+from fisheye_ep_calib.pipeline import calibrate_recording
+from fisheye_ep_calib.simulation import render
+from fisheye_ep_calib.storage.recording import open_recording
+from fisheye_ep_calib.target import Target
+from fisheye_ep_calib.target.registry import TARGETS
+
+TOPIC = "/front/image_raw"
+VIEWS = 10
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A target, its file, and images of it: in a folder, and as they are."""
+
+    target: Target
+    file: Path
+    folder: Path
+    images: list[np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def scene(target_kind, tmp_path_factory) -> Scene:
+    place = tmp_path_factory.mktemp(target_kind)
+    target, keys = named_target(target_kind)
+    images = [render(CAMERA, target, pose, imaging(i)) for i, pose in enumerate(spread_views(target, VIEWS))]
+    file = place / "board.yaml"
+    file.write_text(yaml.safe_dump(keys))
+    return Scene(target, file, write_folder(place / "front", images, name="frame{:02d}"), images)
+
+
+@pytest.fixture(scope="module")
+def alone(scene) -> CalibrationResult:
+    """From the folder, looked at in this process."""
+    return calibrate_recording(scene.folder, scene.target, model="ep_even", workers=1)["front"]
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory) -> Iterator[str]:
+    """A Dask cluster of two workers, which can import what is registered from elsewhere."""
+    pytest.importorskip("distributed")
+    from dask_processes import scheduler, workers
+
+    modules = [sys.modules[kind.__module__] for kind in TARGETS.values()]
+    paths = [Path(module.__file__ or "").parent for module in modules if "." not in module.__name__]
+    with scheduler(tmp_path_factory.mktemp("cluster")) as address, workers(address, 2, paths=paths):
+        yield address
+
+
+def same_bits(one: Observations, other: Observations) -> bool:
+    fields = ("image_index", "point_index", "pixels")
+    return all(getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in fields)
+
+
+def first_look(recording, target: Target, topic: str) -> Observations:
+    with open_recording(recording) as opened, Collector(opened, target) as collector:
+        return collector.collect([topic])[topic].observations(target.object_points)
+
+
+def test_a_folder_gives_the_true_camera(scene, alone) -> None:
+    assert alone.views == VIEWS and len(alone.observations.pixels) > 0.8 * VIEWS * len(scene.target.object_points)
+    check_near_truth(alone.camera)
+
+
+def test_the_command_with_two_workers_and_a_bag_gives_the_same(scene, alone, command, tmp_path) -> None:
+    bag = WRITERS[".mcap"](tmp_path / "bag.mcap", messages(scene.images, TOPIC))
+    words = ("--target", scene.file, "--model", "ep_even", "--no-report", "--workers", 2)
+    ended = command("calibrate", bag, *words, "--topic", f"front={TOPIC}", "--output", "out", "--json")
+    assert ended.code == 0, ended.err
+    said = ended.json["cameras"]["front"]
+    assert (said["views"], said["points"]) == (alone.views, alone.points)
+    assert same_bits(Observations.load("out/observations/front.npz"), alone.observations)
+    camera = load_camera(said["yaml"])
+    np.testing.assert_allclose(camera.parameters, alone.camera.parameters, rtol=0, atol=1e-9)
+
+
+def test_a_cluster_gives_the_same(scene, alone, cluster) -> None:
+    there = calibrate_recording(scene.folder, scene.target, model="ep_even", scheduler=cluster)["front"]
+    assert same_bits(there.observations, alone.observations)
+    np.testing.assert_allclose(there.camera.parameters, alone.camera.parameters, rtol=0, atol=1e-9)
+
+
+def test_every_format_of_bags_gives_the_same(scene, tmp_path) -> None:
+    images = scene.images[:3]
+    here = first_look(write_folder(tmp_path / "front", images), scene.target, "front")
+    assert len(here.pixels) > 2 * len(scene.target.object_points)
+    for suffix, write in WRITERS.items():
+        bag = write(tmp_path / f"bag{suffix}", messages(images, TOPIC))
+        assert same_bits(first_look(bag, scene.target, TOPIC), here), suffix
+
+
+@pytest.mark.slow
+def test_found_judged_and_told_by_the_other_commands(scene, alone, command) -> None:
+    found = command("detect", scene.folder, "--target", scene.file, "--workers", 2, "--output", "found", "--overlay")
+    assert found.code == 0, found.err
+    assert same_bits(Observations.load("found/front.npz"), first_look(scene.folder, scene.target, "front"))
+    assert len(list(Path("found/front_overlay").glob("*.png"))) == VIEWS
+    calibrated = command("calibrate", "found/front.npz", "--output", "out", "--json")
+    assert calibrated.code == 0 and Path("out/report.html").exists(), calibrated.err
+    check_near_truth(load_camera(calibrated.json["cameras"]["front"]["yaml"]))
+    judged = command("evaluate", "out/front.yaml", scene.folder, "--target", scene.file, "--workers", 2, "--json")
+    assert judged.code == 0, judged.err
+    assert judged.json["views"] == VIEWS and judged.json["rms_px"] < 0.1
