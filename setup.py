@@ -22,10 +22,12 @@ ROS = [
     "ros-jazzy-rmw-fastrtps-cpp",
 ]
 CLUSTER = ["distributed>=2023.5"]
+VIDEO = ["av>=12"]
 COMPLETION = ["argcomplete>=3.0"]
 TEST = [
     *CLUSTER,
     *COMPLETION,
+    *VIDEO,
     "pytest>=8",
     "pytest-timeout>=2.3",
     "pytest-xdist>=3.5",
@@ -66,7 +68,7 @@ setup(
         "jinja2>=3.0",
         f"calib-targets>=0.15,<0.16; {HAS_CALIB_TARGETS}",
     ],
-    extras_require={"cluster": CLUSTER, "completion": COMPLETION, "ros": ROS, "test": TEST},
+    extras_require={"cluster": CLUSTER, "completion": COMPLETION, "ros": ROS, "test": TEST, "video": VIDEO},
     entry_points={
         "console_scripts": [
             "fisheye_ep_calib = fisheye_ep_calib.cli:main",

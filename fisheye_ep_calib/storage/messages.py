@@ -15,14 +15,24 @@ if TYPE_CHECKING:
 
 Message: TypeAlias = Any  # rosbags and rclpy each make the classes of messages from their definitions
 
+_OTHER_TYPES = {  # that ROS itself does not have
+    "foxglove_msgs/msg/CompressedVideo": "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    "uint8[] data\nstring format",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\n"
+    "string encoding\nuint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data",
+}
+
 
 @lru_cache(maxsize=2)
 def _typestore(encoding: str) -> Typestore:
     try:
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ModuleNotFoundError:
         raise InputError("reading bags needs the Python package rosbags: pip install rosbags") from None
-    return get_typestore(Stores.ROS2_JAZZY if encoding == "cdr" else Stores.ROS1_NOETIC)
+    store = get_typestore(Stores.ROS2_JAZZY if encoding == "cdr" else Stores.ROS1_NOETIC)
+    for type_name, definition in _OTHER_TYPES.items():
+        store.register(get_types_from_msg(definition, type_name))
+    return store
 
 
 def deserialize(content: bytes, type_name: str, encoding: str) -> Message:

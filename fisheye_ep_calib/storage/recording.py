@@ -17,6 +17,7 @@ from fisheye_ep_calib.storage.pictures import Picture
 from fisheye_ep_calib.storage.sources.base import IMAGE_TYPES, Entry, Source
 from fisheye_ep_calib.storage.sources.find import find_sources
 from fisheye_ep_calib.storage.sources.image_files import IMAGE_FILE
+from fisheye_ep_calib.storage.video import VIDEO_TYPES
 
 
 @dataclass(frozen=True)
@@ -182,6 +183,7 @@ def choose_topics(recording: Recording, wanted: Sequence[str] = (), several: boo
     topics = recording.image_topics()
     listed = ", ".join(map(str, topics))
     if not wanted:
+        topics = tuple(topic for topic in topics if topic.type not in VIDEO_TYPES) or topics
         if len(topics) == 1 or (several and all(topic.type == IMAGE_FILE for topic in topics)):
             return tuple(topic.name for topic in topics)
         raise InputError(f"the recording has {len(topics)} image topics: {listed}; choose with `topics`")

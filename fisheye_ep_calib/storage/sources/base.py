@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import hashlib
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -14,10 +15,11 @@ from fisheye_ep_calib.storage.images import decode_compressed, decode_image
 from fisheye_ep_calib.storage.messages import Message, deserialize
 from fisheye_ep_calib.storage.pictures import Picture, decode_compressed_picture, decode_picture
 from fisheye_ep_calib.storage.sources.open_files import forget, note_use
+from fisheye_ep_calib.storage.video import VIDEO_TYPES, Packet, VideoDecoder, colours_of, grey_of, packet_of
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
-IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
+IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, *VIDEO_TYPES)
 
 MAX_MESSAGE_BYTES = 2**30
 _END_BYTES = 2**16
@@ -125,6 +127,7 @@ class BagSource(Source):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.encodings: dict[str, str] = {}
+        self._videos: dict[str, VideoDecoder] = {}
 
     def read(self, topic: str, entry: Entry) -> bytes:
         """The serialized message. Raises InputError where it is damaged."""
@@ -141,16 +144,46 @@ class BagSource(Source):
         return deserialize(content, self.topics[topic], self.encodings[topic])
 
     def image(self, topic: str, entry: Entry) -> np.ndarray:
-        decode = decode_image if self.topics[topic] == IMAGE else decode_compressed
-        return decode(self.message(topic, entry))
+        message = self.message(topic, entry)
+        if self.topics[topic] == IMAGE:
+            return decode_image(message)
+        if packet_of(message, self.topics[topic]) is not None:
+            return grey_of(self._video(topic).frame(self._number(topic, entry)))
+        return decode_compressed(message)
 
     def picture(self, topic: str, entry: Entry) -> Picture:
-        decode = decode_picture if self.topics[topic] == IMAGE else decode_compressed_picture
-        return decode(self.message(topic, entry))
+        message = self.message(topic, entry)
+        if self.topics[topic] == IMAGE:
+            return decode_picture(message)
+        if packet_of(message, self.topics[topic]) is not None:
+            return Picture(colours_of(self._video(topic).frame(self._number(topic, entry))), "bgr8")
+        return decode_compressed_picture(message)
 
     def taken_ns(self, topic: str, entry: Entry) -> int:
-        stamp = self.message(topic, entry).header.stamp
+        message = self.message(topic, entry)
+        stamp = message.timestamp if hasattr(message, "timestamp") else message.header.stamp
         return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+    def _number(self, topic: str, entry: Entry) -> int:
+        """The place of an image among those of its topic."""
+        entries = self.entries[topic]
+        place = bisect.bisect_left(entries, entry.stamp_ns, key=lambda one: one.stamp_ns)
+        return entries.index(entry, place)
+
+    def _video(self, topic: str) -> VideoDecoder:
+        if topic not in self._videos:
+
+            def packet(number: int) -> Packet:
+                found = packet_of(self.message(topic, self.entries[topic][number]), self.topics[topic])
+                if found is None:
+                    raise InputError("a message among those of a video holds none")
+                return found
+
+            self._videos[topic] = VideoDecoder(packet, len(self.entries[topic]), topic, self.topics[topic])
+        return self._videos[topic]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "_videos": {}}
 
     def _stream(self) -> BinaryIO:
         file: BinaryIO | None = self._file
