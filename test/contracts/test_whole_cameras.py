@@ -13,7 +13,7 @@ import pytest
 from known_cameras import KINDS, effect_of_coefficients, random_camera
 from known_scenes import CAMERA, seen_board
 
-from fisheye_ep_calib import Observations, calibrate
+from fisheye_ep_calib import Observations, calibrate, load_camera, save_camera
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 from fisheye_ep_calib.storage.observation_file import save_observations
@@ -150,3 +150,12 @@ def test_parameters_have_names_of_their_own_and_go_out_and_in(kind) -> None:
     assert moved.extras == {name: tuple(value[one] for one in LENS_EXTRAS[name].coefficient_names) for name in extras}
     assert moved.coefficients == tuple(value[f"e{i + 1}"] for i in range(len(camera.coefficients)))
     assert (moved.model, moved.lens, moved.image_size) == (model, lens, camera.image_size)
+
+
+def test_every_number_of_a_camera_comes_back_from_its_file(tmp_path, pupil_name) -> None:
+    for lens in LENSES:
+        extras = dict.fromkeys(LENS_EXTRAS, True)
+        result = calibrate(views_of(pupil_name), model=pupil_name, lens=lens, **extras)
+        save_camera(tmp_path / "front.yaml", result, "front")
+        assert load_camera(tmp_path / "front.yaml") == result.camera
+        assert result.camera.lens == lens and set(result.camera.extras) == set(LENS_EXTRAS)
