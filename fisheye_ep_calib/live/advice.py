@@ -63,4 +63,5 @@ def _outline(camera: FisheyeCamera, points: np.ndarray, camera_from_target: np.n
     edge = np.concatenate([a + part * (b - a) for a, b in zip(corners, corners[1:], strict=False)])
     in_camera = np.column_stack([edge, np.zeros(len(edge))]) @ camera_from_target[:3, :3].T
     pixels, valid = replace(camera, theta_max=np.pi).project(in_camera + camera_from_target[:3, 3])
-    return pixels[valid]
+    result: np.ndarray = pixels[valid]
+    return result

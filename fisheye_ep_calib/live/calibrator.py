@@ -90,7 +90,7 @@ class LiveCalibrator:
             return
         header, generation = message.header, camera.views.generation
 
-        def arguments() -> tuple:
+        def arguments() -> tuple[Any, ...]:
             outcome = camera.outcome
             lens = None if outcome is None else outcome.camera
             return RawFrame.from_message(message, frame_name), camera.views.target, lens, self._overlay(camera)
@@ -157,7 +157,7 @@ class LiveCalibrator:
 
         return LiveCamera(views, settings.model, workplace, tell, settings.initial)
 
-    def _subjects(self) -> list[Subject]:
+    def _subjects(self) -> list[Subject[Any]]:
         return [*self.cameras.values(), *([] if self.rig is None else [self.rig])]
 
     def _calibrate_if_due(self) -> None:

@@ -47,7 +47,8 @@ class Outcome:
         """Standard deviation of E at GOAL_ANGLE; infinite where the model has no pupil or was not seen so far out."""
         if not self.camera.coefficients:
             return np.inf
-        return self.figures.get("entrance_pupil_mm", {}).get(str(GOAL_ANGLE), (0.0, np.inf))[1]
+        result: float = self.figures.get("entrance_pupil_mm", {}).get(str(GOAL_ANGLE), (0.0, np.inf))[1]
+        return result
 
     def worse_than(self, other: Outcome) -> bool:
         """Whether a calibration from more views knows clearly less than an earlier one of the same model.

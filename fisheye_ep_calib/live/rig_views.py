@@ -62,7 +62,8 @@ def common_moments(views: Sequence[Sequence[View]], tolerance_ns: int) -> np.nda
     for camera, number in enumerate(numbers):
         has = found[:, camera] >= 0
         moments[has, camera] = number[found[has, camera]]
-    return moments
+    result: np.ndarray = moments
+    return result
 
 
 class RigViews:
@@ -100,7 +101,8 @@ class RigViews:
     def counts(self) -> np.ndarray:
         """Common views (cameras, cameras) of each two."""
         seen = (self.moments()[1] >= 0).astype(int)
-        return seen.T @ seen
+        result: np.ndarray = seen.T @ seen
+        return result
 
     def wants(self, name: str) -> bool:
         """Whether this camera and another one had fewer common views than are wanted, when one last saw the target."""

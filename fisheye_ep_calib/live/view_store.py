@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -118,7 +118,7 @@ class ViewStore:
             return None
         return observations_of(self.views, self.target, self.image_size)
 
-    def _views(self, observations: Observations):
+    def _views(self, observations: Observations) -> Iterator[View]:
         for number, name in enumerate(observations.image_names):
             rows = observations.image_index == number
             points, pixels = observations.point_index[rows], observations.pixels[rows]

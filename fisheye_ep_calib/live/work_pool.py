@@ -23,7 +23,7 @@ class Task:
     """
 
     function: Callable[..., Any]
-    arguments: Callable[[], tuple]
+    arguments: Callable[[], tuple[Any, ...]]
     done: Callable[[Any, CalibrationError | None], None]
     stamp_ns: int | None = None
 

@@ -24,7 +24,8 @@ def local_pitch(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Distance (k,) to the nearest lattice neighbour, pixels; inf for a lone cell."""
     beside = neighbours(cells)
     distance = np.hypot(*np.moveaxis(pixels[beside] - pixels[:, None], -1, 0))
-    return np.where(beside < 0, np.inf, distance).min(axis=1)
+    result: np.ndarray = np.where(beside < 0, np.inf, distance).min(axis=1)
+    return result
 
 
 def local_axes(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +104,8 @@ def smooth(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     if not known.any():
         return np.ones(len(cells), dtype=bool)
     allowed = 0.3 + 0.04 * np.minimum(local_pitch(cells, pixels), 1000)
-    return ~known | (rest < np.maximum(allowed, 6 * float(np.median(rest[known]))))
+    result: np.ndarray = ~known | (rest < np.maximum(allowed, 6 * float(np.median(rest[known]))))
+    return result
 
 
 def is_regular(cells: np.ndarray, pixels: np.ndarray) -> bool:

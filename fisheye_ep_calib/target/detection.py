@@ -5,6 +5,8 @@ from typing import Protocol
 
 import numpy as np
 
+from fisheye_ep_calib.camera import FisheyeCamera
+
 
 def _no_pixels() -> np.ndarray:
     return np.empty((0, 2))
@@ -36,7 +38,7 @@ class Detector(Protocol):
         """Find the target in a grey image (h, w) uint8 with nothing known about the camera."""
         ...
 
-    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+    def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
         """Find it again where a first calibration, a FisheyeCamera and a pose (4, 4), says it is."""
         ...
 

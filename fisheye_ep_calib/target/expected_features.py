@@ -136,7 +136,8 @@ def smooth_residuals(points: np.ndarray, values: np.ndarray, columns: np.ndarray
         weighted = (design * weight[..., None]).reshape(count * width, -1)
         coefficients = np.linalg.lstsq(weighted, (values * weight).ravel(), rcond=1e-9)[0]
         rest = np.linalg.norm(values - design @ coefficients, axis=1)
-    return rest
+    result: np.ndarray = rest
+    return result
 
 
 def stays_smooth(

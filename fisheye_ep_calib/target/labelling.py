@@ -35,7 +35,8 @@ class Placement:
     shift: np.ndarray
 
     def __call__(self, cells: np.ndarray) -> np.ndarray:
-        return cells @ self.rotation.T + self.shift
+        result: np.ndarray = cells @ self.rotation.T + self.shift
+        return result
 
     def same(self, other: Placement) -> bool:
         return np.array_equal(self.rotation, other.rotation) and np.array_equal(self.shift, other.shift)
@@ -152,7 +153,9 @@ def _rightward(cells: np.ndarray, pixels: np.ndarray, placement: Placement) -> f
     return round(float(step[0] / max(np.hypot(*step), 1e-9)), 6)
 
 
-def _plain_sites(cells, pixels, is_plain) -> np.ndarray:
+def _plain_sites(
+    cells: np.ndarray, pixels: np.ndarray, is_plain: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
+) -> np.ndarray:
     """Lattice sites beside the patch where the image shows plain board, so that no feature can be there."""
     if is_plain is None:
         return np.empty((0, 2), dtype=int)

@@ -39,7 +39,7 @@ class PixelPatches:
         size = columns * rows
         start = np.cumsum(size) - size
 
-        def spread(values: np.ndarray, kind=np.int32) -> np.ndarray:
+        def spread(values: np.ndarray, kind: type[np.generic] = np.int32) -> np.ndarray:
             return np.repeat(values.astype(kind), size)
 
         index = np.arange(int(size.sum()), dtype=np.int32) - spread(start)
@@ -83,7 +83,8 @@ class PixelPatches:
 
     def mean(self, values: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """Means over each patch's kept pixels (p,) bool, (d,); 0 where none is kept."""
-        return self.sum(values * kept) / np.maximum(self.sum(kept), 1)
+        result: np.ndarray = self.sum(values * kept) / np.maximum(self.sum(kept), 1)
+        return result
 
     def quantile(self, values: np.ndarray, kept: np.ndarray, share: float) -> np.ndarray:
         """The value (d,) that ``share`` of each patch's kept pixels (p,) bool do not reach; 0 where none is kept.

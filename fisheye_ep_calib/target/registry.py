@@ -18,7 +18,7 @@ from fisheye_ep_calib.yaml_file import read_yaml
 TARGETS: dict[str, type[Target]] = {kind.kind: kind for kind in (CircleGrid, Chessboard, Charuco, AprilGrid)}
 
 
-def load_target(path: str | PathLike | Target) -> Target:
+def load_target(path: str | PathLike[str] | Target) -> Target:
     """Read a target file (YAML), this project's keys or Kalibr's; a bare name finds a shipped one. A Target is returned
     as it is. Raises InputError in one line.
     """
@@ -32,7 +32,7 @@ def load_target(path: str | PathLike | Target) -> Target:
     return parse_target(read_yaml(path, "target"), str(path), path.stem)
 
 
-def parse_target(values, source: str = "target", name: str = "target") -> Target:
+def parse_target(values: object, source: str = "target", name: str = "target") -> Target:
     """Make a target from a target file's keys. ``source`` leads the error messages."""
     if not isinstance(values, dict):
         raise InputError(f"{source}: a target file is a list of keys and values, such as 'type: circle_grid'")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable
+from typing import Any
 
 from fisheye_ep_calib.errors import InputError
 
@@ -15,7 +16,7 @@ MILLIMETRES = 1.0  # a length of so many metres and more was meant in millimetre
 class Keys:
     """The keys of one target file; every getter raises InputError naming the file and the key."""
 
-    def __init__(self, values: dict, source: str) -> None:
+    def __init__(self, values: dict[str, Any], source: str) -> None:
         self._values = values
         self.source = source
 
@@ -25,10 +26,10 @@ class Keys:
     def fail(self, key: str, problem: str) -> InputError:
         return InputError(f"{self.source}: {key} {problem}")
 
-    def get(self, key: str):
+    def get(self, key: str) -> Any:
         return self._values.get(key)
 
-    def _need(self, key: str):
+    def _need(self, key: str) -> Any:
         if self._values.get(key) is None:
             raise self.fail(key, "is missing")
         return self._values[key]

@@ -26,7 +26,8 @@ def edge_blur(image: np.ndarray) -> float:
     if strong.sum() < 10:
         return 0.0
     ratio = max(float(np.median(fine[strong] / coarse[strong])) ** 2, 1 + 1e-3)
-    return factor * float(np.sqrt(max((COARSE**2 - ratio * FINE**2) / (ratio - 1), 0.0)))
+    result: float = factor * float(np.sqrt(max((COARSE**2 - ratio * FINE**2) / (ratio - 1), 0.0)))
+    return result
 
 
 def _slope(image: np.ndarray) -> np.ndarray:

@@ -75,7 +75,8 @@ class AprilGrid(Target):
         tag = np.arange(self.rows * self.columns)
         row, column = tag // self.columns, tag % self.columns
         first = 4 * self.columns * row + 2 * column
-        return first[:, None] + np.array([0, 1, 2 * self.columns + 1, 2 * self.columns])
+        result: np.ndarray = first[:, None] + np.array([0, 1, 2 * self.columns + 1, 2 * self.columns])
+        return result
 
     @property
     def tag_corners(self) -> np.ndarray:

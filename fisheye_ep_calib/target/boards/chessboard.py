@@ -62,4 +62,5 @@ def black_squares(columns: int, rows: int, step: np.ndarray) -> np.ndarray:
     column, row = np.meshgrid(np.arange(columns), np.arange(rows))
     black = (column + row) % 2 == 0
     corner = np.stack([column[black], row[black]], axis=-1)[:, None, :]
-    return (corner + np.array([[0, 0], [1, 0], [1, 1], [0, 1]])) * step
+    result: np.ndarray = (corner + np.array([[0, 0], [1, 0], [1, 1], [0, 1]])) * step
+    return result

@@ -5,10 +5,13 @@ from __future__ import annotations
 import functools
 import logging
 from dataclasses import replace
+from types import ModuleType
 
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.target.boards.chessboard import Chessboard
 from fisheye_ep_calib.target.cells import is_regular, local_axes, local_bend, local_pitch, smooth
 from fisheye_ep_calib.target.corners.contrast import detect_stretched
 from fisheye_ep_calib.target.corners.growth import colour_parity, grow_corners
@@ -31,7 +34,7 @@ NOTHING = np.empty((0, 2), dtype=int), np.empty((0, 2))
 
 
 @functools.cache
-def _calib_targets():
+def _calib_targets() -> ModuleType | None:
     """The library that finds partial boards, or None, said once."""
     try:
         import calib_targets
@@ -46,7 +49,7 @@ def _calib_targets():
 class ChessboardDetector:
     """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined, completed, then labelled."""
 
-    def __init__(self, target) -> None:
+    def __init__(self, target: Chessboard) -> None:
         self.target = target
         self.lattice = np.rint(target.object_points[:, :2] / [target.spacing, target.row_spacing]).astype(int)
         self.fewest = min(FEWEST_CORNERS, len(self.lattice))
@@ -79,7 +82,7 @@ class ChessboardDetector:
                 break
         return sorted(patches, key=lambda patch: len(patch[0]), reverse=True)
 
-    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+    def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
         target = self.target
         half = np.full(len(self.lattice), 0.5 * min(target.spacing, target.row_spacing))
         # The square down and right of corner (column, row) is black where column + row is even.
@@ -148,7 +151,7 @@ class ChessboardDetector:
         return (self.lattice, corners.reshape(-1, 2).astype(float)) if found else NOTHING
 
 
-def _find_part(library, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_part(library: ModuleType, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     found = library.detect_chessboard(np.ascontiguousarray(image))
     if found is None:
         return NOTHING
@@ -156,7 +159,7 @@ def _find_part(library, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cells, np.array([corner.position for corner in found.corners], dtype=float)
 
 
-def _refine(image, cells: np.ndarray, pixels: np.ndarray, parity: int) -> tuple[np.ndarray, np.ndarray]:
+def _refine(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray, parity: int) -> tuple[np.ndarray, np.ndarray]:
     """Positions (k, 2) by fitting each corner's picture, and whether it is a corner and nothing else (k,)."""
     axes, known = local_axes(cells, pixels)
     fit = fit_saddles(image, pixels, 0.5 * axes, 0.25 * local_bend(cells, pixels))
@@ -189,4 +192,5 @@ def _is_plain(image: np.ndarray, sites: np.ndarray, scale: np.ndarray) -> np.nda
     places = np.clip(places, 0, [width - 1, height - 1])
     values = image[places[..., 1], places[..., 0]].astype(float)
     bright = values.min(axis=1) > 0.5 * np.percentile(image[::8, ::8], 90)
-    return inside & bright & (np.ptp(values, axis=1) < 0.25 * values.max(axis=1))
+    result: np.ndarray = inside & bright & (np.ptp(values, axis=1) < 0.25 * values.max(axis=1))
+    return result

@@ -31,7 +31,8 @@ def stretched(image: np.ndarray, part: np.ndarray | None = None) -> np.ndarray:
         return image
     low, high = low - ROOM * (high - low), high + ROOM * (high - low)
     table = np.rint((np.arange(256) - low) * (255 / (high - low))).clip(0, 255).astype(np.uint8)
-    return table[image]
+    result: np.ndarray = table[image]
+    return result
 
 
 def detect_stretched(detect: Callable[[np.ndarray], Detection], image: np.ndarray) -> Detection:

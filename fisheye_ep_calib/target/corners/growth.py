@@ -54,7 +54,9 @@ def grow_corners(
     return cells, pixels
 
 
-def _examine(image, cells, pixels, sites, where, parity: int) -> tuple[np.ndarray, np.ndarray]:
+def _examine(
+    image: np.ndarray, cells: np.ndarray, pixels: np.ndarray, sites: np.ndarray, where: np.ndarray, parity: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Whether there is a corner near each site's pixel where (m, 2), and its position (m, 2)."""
     if len(sites) == 0:
         return np.zeros(0, dtype=bool), where

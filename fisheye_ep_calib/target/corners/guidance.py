@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.corners.contrast import stretched
 from fisheye_ep_calib.target.corners.measurement import Surroundings, measure_corners
 from fisheye_ep_calib.target.corners.refinement import reach_of
@@ -14,7 +15,7 @@ USUAL_ERROR = 0.25  # pixels, of a measured corner
 
 
 def find_guided(
-    image: np.ndarray, camera, camera_from_target: np.ndarray, points: np.ndarray, around: Surroundings
+    image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray, points: np.ndarray, around: Surroundings
 ) -> Detection:
     """Look for the corners points (n, 3) of a target at a pose (4, 4)."""
     reason = check_image(image)

@@ -43,7 +43,8 @@ def reach_of(axes: np.ndarray) -> np.ndarray:
     columns.
     """
     longest = np.linalg.norm(axes, axis=1).max(axis=1)
-    return np.abs(np.linalg.det(axes)) / np.maximum(longest, 1e-9)
+    result: np.ndarray = np.abs(np.linalg.det(axes)) / np.maximum(longest, 1e-9)
+    return result
 
 
 def looks_like_corner(image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, bright: np.ndarray) -> np.ndarray:
@@ -63,7 +64,10 @@ def looks_like_corner(image: np.ndarray, pixels: np.ndarray, axes: np.ndarray, b
     centred = values - values.mean(axis=(1, 2), keepdims=True)
     spread = np.sqrt((centred**2).mean(axis=(1, 2)))
     correlation = bright * (centred.mean(axis=2) @ [1.0, -1.0, 1.0, -1.0]) / 4
-    return inside & (contrast > LEAST_CONTRAST) & (uneven < 0.4 * contrast) & (correlation > 0.75 * spread)
+    result: np.ndarray = (
+        inside & (contrast > LEAST_CONTRAST) & (uneven < 0.4 * contrast) & (correlation > 0.75 * spread)
+    )
+    return result
 
 
 def corner_contrast(image: np.ndarray, pixels: np.ndarray, axes: np.ndarray) -> np.ndarray:

@@ -52,7 +52,8 @@ class SaddleFit:
         contrast = self.contrast * bright
         usual = np.median(self.residual[self.converged]) if self.converged.any() else 0.0
         clean = self.residual < np.maximum(MOST_RESIDUAL * contrast, np.minimum(2 * usual, 0.5 * contrast))
-        return self.converged & (contrast > LEAST_CONTRAST) & clean
+        result: np.ndarray = self.converged & (contrast > LEAST_CONTRAST) & clean
+        return result
 
 
 def fit_saddles(
@@ -99,7 +100,16 @@ def fit_saddles(
     return out
 
 
-def _fit(image, pixels, axes, bend, reach, depth, end, half: int) -> SaddleFit:
+def _fit(
+    image: np.ndarray,
+    pixels: np.ndarray,
+    axes: np.ndarray,
+    bend: np.ndarray,
+    reach: np.ndarray,
+    depth: np.ndarray,
+    end: np.ndarray,
+    half: int,
+) -> SaddleFit:
     """Corners with a window of the same size: ±half pixels along the edges' normals."""
     steps = np.arange(-half, half + 1) / half
     first, second = (grid.ravel() for grid in np.meshgrid(steps, steps))
@@ -158,7 +168,8 @@ def _between_normals(axes: np.ndarray) -> np.ndarray:
     """Scalar products (k, 2, 2) of the unit normals of the edges s = 0 and t = 0: ∇s, ∇t times the reach."""
     lengths = np.linalg.norm(axes, axis=1)
     cosine = -(axes[:, :, 0] * axes[:, :, 1]).sum(axis=1) / np.maximum(lengths[:, 0] * lengths[:, 1], 1e-9)
-    return np.eye(2) + cosine[:, None, None] * np.array([[0.0, 1.0], [1.0, 0.0]])
+    result: np.ndarray = np.eye(2) + cosine[:, None, None] * np.array([[0.0, 1.0], [1.0, 0.0]])
+    return result
 
 
 def _weights(
@@ -174,7 +185,10 @@ def _weights(
     def away(limit: np.ndarray, where: np.ndarray, axis: int) -> np.ndarray:
         """Distance (k, n) from the line at limit (k, 1), in margins."""
         room = limit * reach[:, axis : axis + 1]
-        return (room - where * reach[:, axis : axis + 1]) / np.minimum(margin + PLAY * room, MOST_MARGIN * room)
+        result: np.ndarray = (room - where * reach[:, axis : axis + 1]) / np.minimum(
+            margin + PLAY * room, MOST_MARGIN * room
+        )
+        return result
 
     clear = np.minimum(away(end[:, None], np.abs(s), 0), away(end[:, None], np.abs(t), 1))
     for column, signs in enumerate((((1, 1), (-1, -1)), ((1, -1), (-1, 1)))):
@@ -182,7 +196,8 @@ def _weights(
         for a, b in signs if marked.any() else ():
             beside = np.maximum(away(depth[:, column, None], a * s, 0), away(depth[:, column, None], b * t, 1))
             clear = np.where(marked[:, None], np.minimum(clear, beside), clear)
-    return np.clip((clear - 1 + SOFT) / SOFT, 0.0, 1.0)
+    result: np.ndarray = np.clip((clear - 1 + SOFT) / SOFT, 0.0, 1.0)
+    return result
 
 
 def _prior(

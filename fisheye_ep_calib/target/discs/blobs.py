@@ -30,7 +30,7 @@ class Blobs:
     def __len__(self) -> int:
         return len(self.center)
 
-    def __getitem__(self, chosen) -> Blobs:
+    def __getitem__(self, chosen: np.ndarray) -> Blobs:
         return Blobs(self.center[chosen], self.shape[chosen], self.hole[chosen], self.fitness[chosen])
 
     def scaled(self, factor: float) -> Blobs:
@@ -147,7 +147,8 @@ def _stands_out(image: np.ndarray, blobs: Blobs) -> np.ndarray:
     dark = core.mean(axis=1)
     step = np.median(ring, axis=1) - dark
     lighter = (ring > dark[:, None] + 0.4 * step[:, None]).mean(axis=1)
-    return (step > 8) & (lighter > 0.8)
+    result: np.ndarray = (step > 8) & (lighter > 0.8)
+    return result
 
 
 def discs_are_light(image: np.ndarray, center: np.ndarray, shape: np.ndarray) -> bool:
@@ -161,7 +162,8 @@ def _sample(image: np.ndarray, center: np.ndarray, offset: np.ndarray) -> np.nda
     """Values (k, a) at center (k, 2) + offset (k, 2, a), nearest pixel."""
     column = np.clip(np.rint(center[:, 0, None] + offset[:, 0]).astype(int), 0, image.shape[1] - 1)
     row = np.clip(np.rint(center[:, 1, None] + offset[:, 1]).astype(int), 0, image.shape[0] - 1)
-    return image[row, column].astype(float)
+    result: np.ndarray = image[row, column].astype(float)
+    return result
 
 
 def _without_duplicates(blobs: Blobs) -> Blobs:

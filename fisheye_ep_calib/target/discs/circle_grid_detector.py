@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 from fisheye_ep_calib.target.cells import smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.discs.blobs import Blobs, discs_are_light, find_blobs
@@ -47,13 +49,13 @@ class _Found:
 class CircleGridDetector:
     """Searches at about 700 pixels a side, measures at full resolution. Light discs are dark ones of the negative."""
 
-    def __init__(self, target) -> None:
+    def __init__(self, target: CircleGrid) -> None:
         self.target = target
         self.ratio = target.pitch / target.disc_radius if target.disc_radius else None
         self.gap_ratio = self.ratio or UNKNOWN_RATIO
         self.longest = int(np.ptp(target.lattice, axis=0).max()) + 1
         self.fewest = min(FEWEST_DISCS, len(target.object_points))
-        self.hole_ratio = target.hole_radius / target.disc_radius if target.holed else 0.0
+        self.hole_ratio = target.hole_radius / target.disc_radius if target.holed and target.disc_radius else 0.0
 
     def detect(self, image: np.ndarray) -> Detection:
         reason = check_image(image)
@@ -83,7 +85,7 @@ class CircleGridDetector:
         reason = f"{count} of {total} discs" if count > 3 else best.detection.reason or NOT_FOUND
         return Detection(reason=reason, rejected=best.detection.rejected)
 
-    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+    def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
@@ -204,4 +206,5 @@ def _is_plain(image: np.ndarray, sites: np.ndarray, discs: Measurement) -> np.nd
     places = np.clip(places, 0, limit)
     values = image[places[..., 1], places[..., 0]].astype(float)
     even = np.ptp(values, axis=1) < 0.25 * values.max(axis=1)
-    return inside & even & (values.min(axis=1) > 0.4 * np.percentile(image[::8, ::8], 95))
+    result: np.ndarray = inside & even & (values.min(axis=1) > 0.4 * np.percentile(image[::8, ::8], 95))
+    return result

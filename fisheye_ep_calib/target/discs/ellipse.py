@@ -12,18 +12,21 @@ from fisheye_ep_calib.target.pixel_patches import PixelPatches
 def minor_axis(shape: np.ndarray) -> np.ndarray:
     """Minor semi-axes (k,) of ellipse matrices (k, 2, 2)."""
     xx, xy, yy = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
-    return np.sqrt(np.maximum((xx + yy) / 2 - np.sqrt((xx - yy) ** 2 / 4 + xy**2), 0))
+    result: np.ndarray = np.sqrt(np.maximum((xx + yy) / 2 - np.sqrt((xx - yy) ** 2 / 4 + xy**2), 0))
+    return result
 
 
 def major_axis(shape: np.ndarray) -> np.ndarray:
     """Major semi-axes (k,) of ellipse matrices (k, 2, 2)."""
     xx, xy, yy = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
-    return np.sqrt(np.maximum((xx + yy) / 2 + np.sqrt((xx - yy) ** 2 / 4 + xy**2), 0))
+    result: np.ndarray = np.sqrt(np.maximum((xx + yy) / 2 + np.sqrt((xx - yy) ** 2 / 4 + xy**2), 0))
+    return result
 
 
 def half_box(shape: np.ndarray) -> np.ndarray:
     """Half width and height (k, 2) of each ellipse's bounding box."""
-    return np.sqrt(np.maximum(np.diagonal(shape, axis1=1, axis2=2), 0))
+    result: np.ndarray = np.sqrt(np.maximum(np.diagonal(shape, axis1=1, axis2=2), 0))
+    return result
 
 
 @dataclass(frozen=True)

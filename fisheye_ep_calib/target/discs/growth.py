@@ -64,7 +64,8 @@ def _belongs(found: Measurement, where: np.ndarray, shape: np.ndarray, contrast:
     """
     near = np.hypot(*(found.center - where).T) < 0.7 * minor_axis(shape)
     alike = np.abs(np.log(np.linalg.det(found.shape) / np.linalg.det(shape))) < 0.8
-    return found.good & near & alike & (found.contrast > 0.4 * contrast)
+    result: np.ndarray = found.good & near & alike & (found.contrast > 0.4 * contrast)
+    return result
 
 
 def _apart(found: Measurement, sites: np.ndarray, cells: np.ndarray, discs: Measurement) -> np.ndarray:
@@ -86,4 +87,5 @@ def _apart(found: Measurement, sites: np.ndarray, cells: np.ndarray, discs: Meas
     steps = np.linalg.norm(sites[:, None] - cells, axis=2)
     nearest = steps.argmin(axis=1)
     stretch = mean_distance(frame, center, new, nearest) / (pitch * steps[np.arange(len(sites)), nearest])
-    return (near > 0.6) & (np.abs(np.log(np.maximum(stretch, 1e-6))) < MOST_STRETCH)
+    result: np.ndarray = (near > 0.6) & (np.abs(np.log(np.maximum(stretch, 1e-6))) < MOST_STRETCH)
+    return result

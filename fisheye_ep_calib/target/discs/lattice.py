@@ -85,7 +85,8 @@ def _near_pairs(center: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.n
 def _both_ways(first: np.ndarray, second: np.ndarray, value: np.ndarray, count: int) -> np.ndarray:
     """The value of the reverse pair; pairs are sorted and come both ways round."""
     key = first * count + second
-    return value[np.searchsorted(key, second * count + first)]
+    result: np.ndarray = value[np.searchsorted(key, second * count + first)]
+    return result
 
 
 def _likely_ratios(offset: np.ndarray, first: np.ndarray, second: np.ndarray, count: int) -> list[float]:
@@ -103,7 +104,7 @@ def _likely_ratios(offset: np.ndarray, first: np.ndarray, second: np.ndarray, co
     return [float(np.exp(bins[index] + 0.03)) for index in chosen[:3]]
 
 
-def _edges(first, second, offset, ratio: float, count: int) -> _Edges:
+def _edges(first: np.ndarray, second: np.ndarray, offset: np.ndarray, ratio: float, count: int) -> _Edges:
     """Pairs that are one pitch apart as the geometric mean of both frames has it, which is right to second order.
 
     What each end says by itself is not: on a coarse grid close by, the scale halves from one disc to the next.
@@ -191,7 +192,7 @@ def _carry_frame(blob: int, other: int, direction: int, edges: _Edges) -> float:
     return back + float(rest[near].mean())
 
 
-def _in_line(center: np.ndarray, at: dict, cell: tuple[int, int], other: int) -> bool:
+def _in_line(center: np.ndarray, at: dict[tuple[int, int], int], cell: tuple[int, int], other: int) -> bool:
     """Whether a blob continues the lattice lines that end beside its cell."""
     for step in STEPS:
         near = at.get((cell[0] - step[0], cell[1] - step[1]))

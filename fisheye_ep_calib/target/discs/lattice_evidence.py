@@ -30,7 +30,8 @@ def mean_distance(frame: np.ndarray, center: np.ndarray, first: np.ndarray, seco
     offset = (center[second] - center[first])[:, :, None]
     one = np.linalg.norm((frame[first] @ offset)[..., 0], axis=1)
     other = np.linalg.norm((frame[second] @ offset)[..., 0], axis=1)
-    return np.sqrt(one * other)
+    result: np.ndarray = np.sqrt(one * other)
+    return result
 
 
 def lattice_edges(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -50,7 +51,8 @@ def fits_neighbours(cells: np.ndarray, center: np.ndarray, shape: np.ndarray) ->
     edges = np.bincount(np.concatenate([first, second]), minlength=len(cells))
     wrong = np.bincount(np.concatenate([first[strange], second[strange]]), minlength=len(cells))
     # One wrong disc makes an edge of each of its neighbours look wrong, but not the most of them.
-    return (wrong == 0) | (2 * wrong < edges)
+    result: np.ndarray = (wrong == 0) | (2 * wrong < edges)
+    return result
 
 
 def is_disc_lattice(cells: np.ndarray, center: np.ndarray, shape: np.ndarray, ratio: float | None) -> bool:

@@ -33,7 +33,8 @@ class Levels:
 
     @property
     def contrast(self) -> np.ndarray:
-        return self.plane[:, 0] - self.dark_plane[:, 0]
+        result: np.ndarray = self.plane[:, 0] - self.dark_plane[:, 0]
+        return result
 
 
 def measure_levels(
@@ -87,7 +88,8 @@ def _clear_of_discs(patches: PixelPatches, ring: np.ndarray, near: np.ndarray) -
     clear = ring.copy()
     clear[ring] = near.ravel()[patches.place[ring]] == 0
     enough = patches.sum(clear) >= FEWEST_PIXELS
-    return clear | (ring & ~np.repeat(enough, patches.size))
+    result: np.ndarray = clear | (ring & ~np.repeat(enough, patches.size))
+    return result
 
 
 def _board_planes(
@@ -131,7 +133,8 @@ def _trust(shape: np.ndarray) -> np.ndarray:
     A small disc's ring is narrow and other discs' blurred edges reach into it, so its own slope would be
     poor.
     """
-    return np.minimum(1, (SMALL_DISC / np.maximum(minor_axis(shape), 1)) ** 4)
+    result: np.ndarray = np.minimum(1, (SMALL_DISC / np.maximum(minor_axis(shape), 1)) ** 4)
+    return result
 
 
 def _without_glare(near: np.ndarray, light: np.ndarray, dark: np.ndarray) -> np.ndarray:
@@ -171,4 +174,5 @@ def _shading(
 def height(plane: np.ndarray, patches: PixelPatches) -> np.ndarray:
     """Values (p,) at the pixels of planes (d, 3)."""
     level, slope_x, slope_y = (patches.spread(column) for column in plane.T)
-    return level + slope_x * patches.x + slope_y * patches.y
+    result: np.ndarray = level + slope_x * patches.x + slope_y * patches.y
+    return result

@@ -41,14 +41,16 @@ class Measurement:
     @property
     def log_radius_ratio(self) -> np.ndarray:
         """Logarithm (k, 1) of the disc's size over the looked-for ellipse's, as a radius."""
-        return 0.5 * np.log(np.maximum(self.area_ratio, 1e-9))[:, None]
+        result: np.ndarray = 0.5 * np.log(np.maximum(self.area_ratio, 1e-9))[:, None]
+        return result
 
     @property
     def size_error(self) -> np.ndarray:
         """What ``log_radius_ratio`` may err (k,): something that hides more moves the centre by over a tenth
         of a pixel.
         """
-        return 0.003 + 0.1 / np.maximum(minor_axis(self.shape), 1)
+        result: np.ndarray = 0.003 + 0.1 / np.maximum(minor_axis(self.shape), 1)
+        return result
 
     def __getitem__(self, chosen: np.ndarray) -> Measurement:
         return Measurement(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
@@ -108,7 +110,8 @@ def _plausible(image: np.ndarray, state: Measurement) -> np.ndarray:
     height, width = image.shape
     inside = (center - reach >= -0.5).all(axis=1) & (center + reach <= [width - 0.5, height - 0.5]).all(axis=1)
     sized = (minor_axis(shape) > 1.0) & (reach.max(axis=1) < 0.5 * max(height, width))
-    return finite & inside & sized
+    result: np.ndarray = finite & inside & sized
+    return result
 
 
 def _measure_once(
@@ -153,10 +156,13 @@ def _dark_share(patches: PixelPatches, levels: Levels) -> np.ndarray:
     light, dark = height(levels.plane, patches), height(levels.dark_plane, patches)
     share = (light - patches.value) / np.maximum(light - dark, 1)
     beyond = patches.spread(np.maximum(BEYOND, BEYOND_NOISE * levels.noise / np.maximum(levels.contrast, 1)))
-    return np.clip(share, -beyond, 1 + beyond)
+    result: np.ndarray = np.clip(share, -beyond, 1 + beyond)
+    return result
 
 
-def _ellipse_of_mass(patches: PixelPatches, mass, move, area, shape) -> np.ndarray:
+def _ellipse_of_mass(
+    patches: PixelPatches, mass: np.ndarray, move: np.ndarray, area: np.ndarray, shape: np.ndarray
+) -> np.ndarray:
     """The ellipse matrices (d, 2, 2) with the second moments of the dark mass, scaled to its area."""
     dx = patches.x - move[:, 0].astype(np.float32)[patches.owner]
     dy = patches.y - move[:, 1].astype(np.float32)[patches.owner]
@@ -169,21 +175,34 @@ def _ellipse_of_mass(patches: PixelPatches, mass, move, area, shape) -> np.ndarr
     determinant = np.linalg.det(moments)
     sound = (determinant > 0.05) & (area > 3)
     scale = safe / np.pi / np.sqrt(np.where(sound, determinant, 1))
-    return np.where(sound[:, None, None], moments * scale[:, None, None], shape)
+    result: np.ndarray = np.where(sound[:, None, None], moments * scale[:, None, None], shape)
+    return result
 
 
-def _edge_blur(patches: PixelPatches, weight, edge, relative_noise, shape) -> np.ndarray:
+def _edge_blur(
+    patches: PixelPatches, weight: np.ndarray, edge: np.ndarray, relative_noise: np.ndarray, shape: np.ndarray
+) -> np.ndarray:
     """σ of the blur (d,), pixels, from ∫ w(1 − w) across the edge, which is σ/√π for a Gaussian one."""
     between = patches.sum(weight * (1 - weight) * edge) + patches.sum(edge) * relative_noise**2
     # Mean-square approximation of an ellipse's perimeter.
     perimeter = 2 * np.pi * np.sqrt(np.trace(shape, axis1=1, axis2=2) / 2)
     sigma = np.sqrt(np.pi) * between / np.maximum(perimeter, 1e-6)
     # The pixel's own area, σ² = 1/12 each way, is in it.
-    return np.clip(sigma, 0.3, np.maximum(0.3, 0.6 * minor_axis(shape)))
+    result: np.ndarray = np.clip(sigma, 0.3, np.maximum(0.3, 0.6 * minor_axis(shape)))
+    return result
 
 
 def _seen_whole(
-    patches: PixelPatches, ellipse: EllipsePosition, shape, weight, inner, own, blur, relative_noise, hole, band
+    patches: PixelPatches,
+    ellipse: EllipsePosition,
+    shape: np.ndarray,
+    weight: np.ndarray,
+    inner: np.ndarray,
+    own: np.ndarray,
+    blur: np.ndarray,
+    relative_noise: np.ndarray,
+    hole: np.ndarray,
+    band: np.ndarray,
 ) -> np.ndarray:
     """Whether every sector of each disc (d,) looks as it should, dark inside and light outside.
 
