@@ -17,7 +17,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings
 from fisheye_ep_calib.calibration.estimating.prediction import predict
@@ -143,6 +142,8 @@ class _PointsOfViews:
         −1 for points that the first does not have, where names differ between the two.
         """
         rows_a, rows_b = self.rows[first], self.rows[second]
+        from scipy.spatial import cKDTree
+
         distance, nearest = cKDTree(self._pixels[rows_a]).query(self._pixels[rows_b], distance_upper_bound=self._reach)
         common = np.isfinite(distance)
         if common.sum() < max(_FEWEST_COMMON, _COMMON * min(len(rows_a), len(rows_b))):
@@ -164,12 +165,16 @@ class _PointsOfViews:
 
     def _pitch(self, rows: np.ndarray) -> float:
         """Median distance, px, of a view's points to their nearest neighbours."""
+        from scipy.spatial import cKDTree
+
         distance, _ = cKDTree(self._pixels[rows]).query(self._pixels[rows], k=2)
         return float(np.median(distance[:, 1]))
 
 
 def _neighbours(values: np.ndarray, reach: float) -> list[list[int]]:
     """Of each row (V, k) the rows that differ by no more than the reach in every column."""
+    from scipy.spatial import cKDTree
+
     return list(cKDTree(values).query_ball_point(values, reach, p=np.inf))
 
 
