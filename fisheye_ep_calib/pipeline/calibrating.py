@@ -53,7 +53,7 @@ class CalibratedCameras(Mapping[str, CalibratedCamera]):
 
 def calibrate_recording(
     recording: Source,
-    target: str | PathLike | Target | None = None,
+    target: str | PathLike[str] | Target | None = None,
     *,
     topics: Topics = None,
     model: str = AUTO,

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,9 +47,9 @@ class CameraSource:
             raise self.found
         return self.found
 
-    def inputs(self) -> dict:
+    def inputs(self) -> dict[str, Any]:
         """Where the observations came from, as calibration.json has it."""
-        inputs: dict = {"source": self.source, "image_size": list(self.observations.image_size)}
+        inputs: dict[str, Any] = {"source": self.source, "image_size": list(self.observations.image_size)}
         if self.target:
             inputs["target"] = self.target
         if self.run is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -24,7 +24,7 @@ from fisheye_ep_calib.storage.recording import Recording, open_recording
 from fisheye_ep_calib.target import Target, load_target
 
 _log = logging.getLogger(__name__)
-Path_ = str | PathLike
+Path_ = str | PathLike[str]
 Source = Path_ | Sequence[Path_] | Recording
 
 
@@ -95,7 +95,7 @@ LookAgain = Callable[[Sequence[Guide]], dict[str, CameraSource]]
 
 
 @contextmanager
-def looking(source: Source, target: str | PathLike | Target | None, look: Look) -> Iterator[Looking]:
+def looking(source: Source, target: str | PathLike[str] | Target | None, look: Look) -> Iterator[Looking]:
     """Open the recording, if it is not open yet, and the workers that look at its images."""
     if target is None:
         raise InputError("images need `target`, which says what to look for")
@@ -120,7 +120,7 @@ def looking(source: Source, target: str | PathLike | Target | None, look: Look) 
             workers=0 if workers == 1 else workers,
             strict=look.strict,
             scheduler=look.scheduler,
-            log=log and log.path,
+            log=None if log is None else log.path,
             resume=log is not None and log.resume,
             on_progress=look.on_progress,
         ) as collector:
@@ -134,7 +134,7 @@ def looking(source: Source, target: str | PathLike | Target | None, look: Look) 
 @contextmanager
 def camera_sources(
     source: Source,
-    target: str | PathLike | Target | None,
+    target: str | PathLike[str] | Target | None,
     look: Look,
     *,
     split: str | None = None,
@@ -174,7 +174,7 @@ def _paths(source: Path_ | Sequence[Path_]) -> list[Path]:
     return [Path(path) for path in ([source] if isinstance(source, str | PathLike) else source)]
 
 
-def opened_once(source: Source, strict: bool):
+def opened_once(source: Source, strict: bool) -> AbstractContextManager[Recording]:
     if isinstance(source, Recording):
         return nullcontext(source)
     return open_recording(source, strict=strict)

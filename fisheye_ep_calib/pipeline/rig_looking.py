@@ -46,7 +46,7 @@ class RigSource:
 @contextmanager
 def rig_sources(
     source: Source,
-    target: str | PathLike | Target | None,
+    target: str | PathLike[str] | Target | None,
     cameras: Mapping[str, FisheyeCamera],
     look: Look,
     tolerance: float = USUAL_TOLERANCE,

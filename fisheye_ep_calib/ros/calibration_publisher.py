@@ -36,7 +36,7 @@ class CalibrationPublisher:
     @property
     def watched(self) -> bool:
         """Whether anybody subscribes to the overlay."""
-        return self._annotated.get_subscription_count() > 0
+        return bool(self._annotated.get_subscription_count() > 0)
 
     def update(self, outcome: Outcome | None) -> None:
         """A new calibration is in force; None: there is none any more."""
@@ -89,10 +89,10 @@ class CalibrationPublisher:
         """The configured topic, unless a driver publishes there: two would contradict each other."""
         wanted = self._node.resolve_topic_name(self._camera.camera_info_topic)
         if self._node.count_publishers(wanted) == 0:
-            return wanted
+            return str(wanted)
         own = self._node.resolve_topic_name(f"~/{self._camera.name}/camera_info")
         self._node.get_logger().warning(
             f"{wanted} has a publisher already, so CameraInfo goes to {own}; "
             "~/commit hands the calibration to the driver"
         )
-        return own
+        return str(own)

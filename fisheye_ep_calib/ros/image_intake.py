@@ -41,7 +41,7 @@ class ImageIntake:
     @property
     def name(self) -> str:
         """The topic as ROS resolved it."""
-        return self._node.resolve_topic_name(self._topic)
+        return str(self._node.resolve_topic_name(self._topic))
 
     def reception(self) -> Reception:
         """How images arrive; the largest delay is that since the last call."""

@@ -145,7 +145,7 @@ class RectifierNode:
 
 
 def _seconds(message: Any) -> float:
-    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
 
 def _quaternion(yaw: float, pitch: float) -> tuple[float, float, float, float]:
