@@ -84,6 +84,19 @@ def rig_yaml(rig: RigCalibration, camera_files: Mapping[str, str], topics: Mappi
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1 << 16)
 
 
+def places_yaml(reference_from_camera: Mapping[str, np.ndarray]) -> str:
+    """A rig file that holds places (4, 4), metres, known exactly; the first camera is the reference."""
+    content = {
+        "schema": SCHEMA,
+        "reference": next(iter(reference_from_camera)),
+        "cameras": {
+            name: {"reference_from_camera": place.tolist(), "covariance": np.zeros((6, 6)).tolist()}
+            for name, place in reference_from_camera.items()
+        },
+    }
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1 << 16)
+
+
 def kalibr_camchain(rig: RigCalibration, stand_ins: Sequence[FisheyeCamera], topics: Mapping[str, str]) -> str:
     """The rig in Kalibr's layout: cam0, cam1, …, each placed by the one before it.
 

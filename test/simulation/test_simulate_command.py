@@ -9,8 +9,11 @@ import pytest
 
 from fisheye_ep_calib.commands import simulate
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.rig import RigCamera, calibrate_rig
+from fisheye_ep_calib.simulation import paper_camera
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.recording import open_recording
+from fisheye_ep_calib.storage.rig_file import load_rig
 
 
 def run(*words: str) -> int:
@@ -33,6 +36,25 @@ def test_two_cameras_in_one_bag_with_their_truth(tmp_path, capsys):
     assert image.shape == (2048, 2048) and np.median(image[row, column]) < 60
 
 
+def test_several_cameras_are_a_rig_that_sees_one_target_at_the_same_time(tmp_path, capsys):
+    bag, truth = tmp_path / "rig.mcap", tmp_path / "truth"
+    words = ["--output", str(bag), "--truth", str(truth), "--baseline", "0.08", "--camera", "left=paper"]
+    assert run(*words, "--camera", "right=paper", "--poses", "random", "--views", "3", "--distance", "0.2", "0.3") == 0
+    with open_recording(bag) as recording:
+        assert recording.stamps("/left/image_raw") == recording.stamps("/right/image_raw")
+        left, right = (recording.frame(f"/{name}/image_raw", 0).image() for name in ("left", "right"))
+        assert (left != right).any()
+    places = load_rig(truth / "rig.yaml").reference_from_camera
+    np.testing.assert_allclose(places["right"][:3, 3], [0.08, 0, 0])
+    cameras = []
+    for name in ("left", "right"):
+        observations = load_observations(truth / f"{name}.npz")
+        stamps = np.arange(len(observations.image_names)) * 10**9
+        cameras.append(RigCamera(name, paper_camera(), observations, stamps))
+    found = calibrate_rig(cameras)
+    np.testing.assert_allclose(found.reference_from_camera[1], places["right"], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "words, named",
     [
@@ -44,6 +66,7 @@ def test_two_cameras_in_one_bag_with_their_truth(tmp_path, capsys):
         (["--rate", "0"], "--rate"),
         (["--noise", "-1"], "--noise"),
         (["--seed", "-1"], "--seed"),
+        (["--baseline", "inf"], "--baseline"),
     ],
 )
 def test_wrong_words_get_one_clear_line_and_write_nothing(tmp_path, words, named):
