@@ -15,6 +15,8 @@ from fisheye_ep_calib.live.overlay import OverlayRequest, draw_overlay
 from fisheye_ep_calib.storage.images import decode_compressed, decode_image
 from fisheye_ep_calib.target import Detection, Detector, Target
 
+_LEAST_FOUND_AGAIN = 0.8  # of the points of the first look
+
 
 @dataclass(frozen=True)
 class RawFrame:
@@ -84,7 +86,7 @@ def second_look(
 ) -> Detection:
     """Find the target again where the camera, and the pose from what was found first, say that it is.
 
-    What was found first where nothing comes of it.
+    What was found first where most of it is not found again: the camera is another one, then.
     """
     if len(first) == 0:
         return first
@@ -101,4 +103,5 @@ def second_look(
     except CalibrationError:
         return first
     again = detector.detect_guided(image, guide, poses[0])
-    return again if len(again) else first
+    found_again = np.isin(first.point_index, again.point_index).mean()
+    return again if found_again > _LEAST_FOUND_AGAIN else first

@@ -174,7 +174,7 @@ class Subject(ABC, Generic[Result]):
                 with self._writing:
                     forgotten = self.forget_views()
                     with self._lock:
-                        self._standing, self._attempted = self._initial, None
+                        self._standing = self._initial
             except CalibrationError as error:
                 return Answer(False, f"{self.name}: {error}")
             self._tell(self._initial.outcome)

@@ -148,12 +148,13 @@ def test_what_a_reset_overtakes_changes_nothing(scene: Scene, when: str, asked: 
     promise = subject.calibrate() if asked else subject.calibrate_if_due()
     work = bench.begin() if when == "running" else None
     assert subject.reset() == Answer(True, "front: forgotten")
-    subject.amount = 2
+    scene.tuning = Tuning(auto_calibrate=False)
+    subject.amount = 4  # as many as before the reset: they are others
     (work or bench.begin()).end()
     assert scene.told == [None] and subject.outcome is None and not subject.file.exists() and scene.said == []
     if asked:
         assert answer_of(promise) == Answer(False, "front: its views were reset meanwhile")
-    subject.amount = 4  # as many as before the reset: they are others
+    scene.tuning = Tuning()
     subject.calibrate_if_due()
     bench.run()
     assert subject.outcome == "calibration of 4"
