@@ -11,6 +11,7 @@ from std_msgs.msg import String
 
 from fisheye_ep_calib.live.status import Status
 from fisheye_ep_calib.ros.quality import LATCHED
+from fisheye_ep_calib.storage.json_text import json_text, plain
 
 
 class StatusPublisher:
@@ -25,7 +26,7 @@ class StatusPublisher:
         content: dict[str, Any] = {"cameras": {camera.name: camera.as_dict() for camera in cameras}}
         if rig is not None:
             content["rig"] = rig.as_dict()
-        self._status.publish(String(data=json.dumps(content)))
+        self._status.publish(String(data=json_text(content)))
         array = DiagnosticArray(status=[self._diagnostic(one) for one in (*cameras, *filter(None, [rig]))])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -42,4 +43,4 @@ class StatusPublisher:
 
 
 def _text(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
+    return value if isinstance(value, str) else json.dumps(plain(value))
