@@ -8,22 +8,30 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from fisheye_ep_calib.calibration import CalibrationResult, Observations
+from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM
 from fisheye_ep_calib.calibration.structure import LENS
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.commands.messages import with_options
-from fisheye_ep_calib.commands.reporting import PAGE, RECORD, CalibrationReports, refuse_existing, refuse_unwritable
+from fisheye_ep_calib.commands.reporting import CalibrationReports, refuse_unwritable
 from fisheye_ep_calib.commands.sources import add_resume_argument, add_source_arguments, cameras_given
-from fisheye_ep_calib.commands.summary import calibration_json, calibration_text
+from fisheye_ep_calib.commands.summary import calibration_text
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline import CalibratedCamera, CameraSource, calibrate_cameras
-from fisheye_ep_calib.pipeline.calibrating import PASSES, check_fit, fit_options, none_calibrated
+from fisheye_ep_calib.pipeline.calibrating import none_calibrated
 from fisheye_ep_calib.pipeline.found_so_far import log_of
 from fisheye_ep_calib.pipeline.looking import LookAgain
-from fisheye_ep_calib.storage.camera_file import save_camera
+from fisheye_ep_calib.pipeline.options import PASSES, check_fit, fit_options
+from fisheye_ep_calib.pipeline.writing import (
+    PAGE,
+    RECORD,
+    files_of,
+    observation_file,
+    refuse_existing,
+    write_camera,
+    write_observations,
+)
 from fisheye_ep_calib.storage.json_text import json_text
-from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.results_folder import results_folder
 
 DESCRIPTION = (
@@ -145,9 +153,9 @@ def _calibrate_all(
     with CalibrationReports(folder, cameras, arguments) as collected:
         for camera, end in calibrate_cameras(cameras, look_again, arguments.model, arguments.passes, options=options):
             if isinstance(end, CalibratedCamera):
-                name = _save(folder, camera, end)
-                reports[camera.name] = calibration_json(camera, end, end.seconds, name and output / name)
-                collected.add(camera, end, reports[camera.name])
+                name = write_camera(folder, end)
+                reports[camera.name] = end.to_dict() | {"yaml": None if name is None else str(output / name)}
+                collected.add(end, reports[camera.name])
                 texts.append(calibration_text(camera, end))
                 if end.converged:
                     continue
@@ -161,8 +169,8 @@ def _calibrate_all(
             raise none_calibrated(failures)
         for camera in cameras:
             if camera.name not in reports and camera.run is not None and isinstance(camera.found, Observations):
-                _save_observations(folder, camera)
-                print(f"{camera.name}: what was found is in {output / _observation_file(camera.name)}", file=sys.stderr)
+                write_observations(folder, camera)
+                print(f"{camera.name}: what was found is in {output / observation_file(camera.name)}", file=sys.stderr)
     return reports, failures
 
 
@@ -185,9 +193,7 @@ def _free_folder(given: Path | None) -> Path:
 def _refuse_taken(output: Path, names: list[str], arguments: argparse.Namespace) -> None:
     """Before hours of images are looked at. names: of cameras, as far as they are known."""
     pages = [] if arguments.no_report else [PAGE]
-    of_cameras = [
-        file for name in names for file in (f"{name}.yaml", f"{name}.not_converged.yaml", _observation_file(name))
-    ]
+    of_cameras = [file for name in names for file in files_of(name)]
     refuse_existing([output / file for file in (*pages, RECORD, *of_cameras)], arguments.overwrite)
     given = [Path(source).absolute() for source in arguments.source]
     if arguments.split is not None and any((output / file).absolute() in given for file in of_cameras):
@@ -202,24 +208,3 @@ def _earlier_results(output: Path) -> set[Path]:
     except (OSError, ValueError, KeyError, TypeError):
         return set()
     return {Path(file) for file in files if (output / file).exists()}
-
-
-def _save(folder: Path, camera: CameraSource, result: CalibrationResult) -> str | None:
-    """Write the observations, then the camera file; one that did not converge is marked by its name.
-
-    Returns the camera file's name; None for the paper's equation as printed, which is no camera.
-    """
-    _save_observations(folder, camera)
-    if result.fit.structure.target_axis:
-        return None
-    name = f"{camera.name}.yaml" if result.converged else f"{camera.name}.not_converged.yaml"
-    save_camera(folder / name, result, camera.name, camera.source)
-    return name
-
-
-def _save_observations(folder: Path, camera: CameraSource) -> None:
-    save_observations(folder / _observation_file(camera.name), camera.observations)
-
-
-def _observation_file(name: str) -> str:
-    return f"observations/{name}.npz"

@@ -7,19 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.assessing.camera_difference import ALIGNMENTS, CameraDifference, camera_difference
-from fisheye_ep_calib.commands.reporting import refuse_unusable_report
-from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.report.comparison import (
+from fisheye_ep_calib.calibration.assessing.camera_difference import ALIGNMENTS
+from fisheye_ep_calib.calibration.comparison import (
     DistanceSummary,
     agreement,
     alignment_text,
+    by_ring,
     summaries,
-    write_comparison,
 )
-from fisheye_ep_calib.report.models import angles, by_ring, pupil_curve
+from fisheye_ep_calib.calibration.words import distance_text
+from fisheye_ep_calib.commands.reporting import refuse_unusable_report
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.pipeline.compared_cameras import DISTANCES, ComparedCameras, compare
+from fisheye_ep_calib.report.comparison import write_comparison
+from fisheye_ep_calib.report.models import angles, pupil_curve
 from fisheye_ep_calib.report.record import now, versions
-from fisheye_ep_calib.report.verdict import distance_text
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text
 
@@ -31,7 +33,6 @@ DESCRIPTION = (
 EPILOG = """example:
   fisheye_ep_calib compare monday/front.yaml tuesday/front.yaml --distance 0.1 1 inf --report difference.html
 """
-DISTANCES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,18 +63,14 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--distance takes positive lengths in metres, or inf")
     refuse_unusable_report(arguments)
     files = read_camera_file(arguments.first), read_camera_file(arguments.second)
-    known = tuple(file.covariance if file.covariance.any() else None for file in files)
-    distances = sorted(dict.fromkeys(arguments.distance))
-    found = camera_difference(files[0].camera, files[1].camera, distances, (known[0], known[1]), arguments.align)
-    if not np.isfinite(found.length_px).any():
-        raise InputError("the two cameras share no part of the field at these distances")
+    found = compare(files[0], files[1], arguments.distance, alignment=arguments.align)
     rows = summaries(found)
     if arguments.report is not None:
         names = files[0].name, files[1].name
         size = files[0].camera.image_size
         write_comparison(arguments.report, names, found, arguments.align, _curves(files), size, _inputs(arguments))
     if arguments.json:
-        print(json_text(_json(arguments, found, rows)))
+        print(json_text(_json(arguments, found)))
         return 0
     print(_text(arguments, found, rows))
     return 0
@@ -90,7 +87,7 @@ def _inputs(arguments: argparse.Namespace) -> dict[str, str]:
     return {"A": str(arguments.first), "B": str(arguments.second), "written": now(), **versions()}
 
 
-def _text(arguments, found: CameraDifference, rows: tuple[DistanceSummary, ...]) -> str:
+def _text(arguments, found: ComparedCameras, rows: tuple[DistanceSummary, ...]) -> str:
     lines = [
         f"A {arguments.first}, B {arguments.second}: B minus A over the field up to "
         f"{np.degrees(found.theta.max()):.0f}°",
@@ -116,36 +113,14 @@ def _text(arguments, found: CameraDifference, rows: tuple[DistanceSummary, ...])
     return "\n".join(lines)
 
 
-def _expected(found: CameraDifference, value: float) -> str:
+def _expected(found: ComparedCameras, value: float) -> str:
     return f"{value:.3f}" if any(found.known) else "–"
 
 
-def _json(arguments, found: CameraDifference, rows: tuple[DistanceSummary, ...]) -> dict:
-    theta, difference, expected = by_ring(found)
-    agree, sentence = agreement(found, rows)
-    known = any(found.known)
+def _json(arguments, found: ComparedCameras) -> dict:
     return {
         "first": str(arguments.first),
         "second": str(arguments.second),
-        "alignment": arguments.align,
-        "rotation_rad": found.rotation.tolist(),
-        "shift_m": found.shift.tolist(),
-        "theta_max_deg": float(np.degrees(found.theta.max())),
-        "agree": agree,
-        "verdict": sentence,
-        "theta_deg": theta.tolist(),
-        "distances": [
-            {
-                "distance_m": row.distance_m,
-                "rms_px": row.rms_px,
-                "median_px": row.median_px,
-                "p95_px": row.p95_px,
-                "max_px": row.largest_px,
-                "expected_rms_px": row.expected_px if known else None,
-                "rms_by_theta_px": difference[index].tolist(),
-                "expected_rms_by_theta_px": expected[index].tolist() if known else None,
-            }
-            for index, row in enumerate(rows)
-        ],
+        **found.to_dict(),
         "report": None if arguments.report is None else str(arguments.report),
     }

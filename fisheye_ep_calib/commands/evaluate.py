@@ -6,11 +6,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation, evaluate_camera
 from fisheye_ep_calib.calibration.calibrate import DISC_CENTERS
 from fisheye_ep_calib.commands.reporting import refuse_unusable_report, write_evaluation_report
 from fisheye_ep_calib.commands.sources import add_source_arguments, cameras_given
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.pipeline import evaluate
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text
 
@@ -32,36 +32,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     refuse_unusable_report(arguments)
-    file = read_camera_file(arguments.camera)
+    read_camera_file(arguments.camera)  # before the images are looked at
     with cameras_given(arguments, before_looking=_refuse_several) as (cameras, _):
-        observations = cameras[0].observations
-        warp = file.board_warp if arguments.board_warp else None
-        found = evaluate_camera(file.camera, observations, warp, arguments.disc_centers)
+        judged = evaluate(
+            arguments.camera, cameras[0], board_warp=arguments.board_warp, disc_centers=arguments.disc_centers
+        )
         if arguments.report is not None:
-            write_evaluation_report(cameras[0], file, found, arguments)
-    names = observations.image_names
-    failed = {names[image]: reason for image, reason in found.failed.items()}
-    for name, reason in failed.items():
-        print(f"{name}: {reason}", file=sys.stderr)
+            write_evaluation_report(judged, arguments)
+    names = judged.observations.image_names
+    for image, reason in judged.failed.items():
+        print(f"{names[image]}: {reason}", file=sys.stderr)
     if arguments.json:
-        print(json_text(_json(found, failed)))
+        print(json_text(judged.to_dict()))
         return 0
-    print(f"{len(found.images)} views, {found.points} points; {len(failed)} views without a pose")
-    print(f"RMS {found.rms_px:.4f} px, median {found.median_px:.4f} px, 95 % below {found.p95_px:.4f} px")
+    print(f"{len(judged.images)} views, {judged.points} points; {len(judged.failed)} views without a pose")
+    print(f"RMS {judged.rms_px:.4f} px, median {judged.median_px:.4f} px, 95 % below {judged.p95_px:.4f} px")
     return 0
 
 
 def _refuse_several(names: list[str]) -> None:
     if len(names) != 1:
         raise InputError("one camera at a time: give one --topic")
-
-
-def _json(found: Evaluation, failed: dict[str, str]) -> dict:
-    return {
-        "rms_px": found.rms_px,
-        "median_px": found.median_px,
-        "p95_px": found.p95_px,
-        "views": len(found.images),
-        "points": found.points,
-        "failed_views": list(failed),
-    }

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from fisheye_ep_calib.commands.reporting import RECORD
-from fisheye_ep_calib.commands.show import camera_json
+from fisheye_ep_calib.pipeline.writing import RECORD
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.storage.camera_content import camera_content
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 
 ANGLES = (30, 60, 80)
@@ -73,10 +73,10 @@ def _row(device: str, name: str, content: Mapping, folder: Path) -> Row:
     if not content["yaml"]:
         return row
     try:
-        camera = camera_json(read_camera_file(folder / Path(content["yaml"]).name))
+        camera = camera_content(read_camera_file(folder / Path(content["yaml"]).name))
     except CalibrationError as error:
         return row | {"status": "failed", "reason": str(error)}
-    sigma = dict(zip(camera["parameters"], camera["sigma"], strict=True))
+    sigma = camera["sigma"]
     for key in ("fx", "fy", "cx", "cy", "skew"):
         row |= {key: camera[key], f"{key}_sigma": sigma.get(key, 0.0)}
     for number, value in enumerate(camera["radial"], start=1):

@@ -8,25 +8,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from fisheye_ep_calib.calibration import CalibrationResult
-from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation
-from fisheye_ep_calib.commands.summary import verdict
 from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
-from fisheye_ep_calib.pipeline import CameraSource
+from fisheye_ep_calib.pipeline import CalibratedCamera, CameraSource, EvaluatedCamera
+from fisheye_ep_calib.pipeline.writing import PAGE, RECORD, record_of, refuse_existing
 from fisheye_ep_calib.report.data import CameraReport
-from fisheye_ep_calib.report.pictures import BUDGET
-from fisheye_ep_calib.report.record import now, per_view, versions, write_record
-from fisheye_ep_calib.storage.camera_file import CameraFile
+from fisheye_ep_calib.report.record import write_record
 from fisheye_ep_calib.storage.results_folder import nearest_folder
-
-PAGE, RECORD = "report.html", "calibration.json"
-
-
-def refuse_existing(paths: Sequence[Path | None], overwrite: bool) -> None:
-    """Nothing is replaced silently."""
-    for path in paths:
-        if path is not None and path.exists() and not overwrite:
-            raise InputError(f"{path} is there already; give another place, or --overwrite")
 
 
 def refuse_unwritable(option: str, folder: Path) -> None:
@@ -64,26 +51,11 @@ class CalibrationReports:
     def __enter__(self) -> CalibrationReports:
         return self
 
-    def add(self, camera: CameraSource, result: CalibrationResult, content: dict) -> None:
+    def add(self, result: CalibratedCamera, content: dict) -> None:
         """content: what ``--json`` says of the camera. Its images are read now, while they are open."""
-        from fisheye_ep_calib.report.from_calibration import calibration_report, calibration_views
-
-        inputs = camera.inputs()
-        views = calibration_views(camera.observations, result)
-        self._records[camera.name] = {**content, "inputs": inputs, "per_view": per_view(views)}
-        if self._arguments.no_report:
-            return
-        page = calibration_report(
-            camera.name,
-            camera.observations,
-            result,
-            verdict(result),
-            inputs=_words(inputs) | {"written": now()} | versions(),
-            unused=camera.unused_views,
-            image=camera.image,
-            picture_budget=BUDGET // max(len(self._cameras), 1),
-        )
-        self._pages.append(page)
+        self._records[result.name] = record_of(result, content)
+        if not self._arguments.no_report:
+            self._pages.append(result.page(pictures=True, share=len(self._cameras)))
 
     def add_failure(self, name: str, reason: str) -> None:
         self._failed[name] = reason
@@ -100,32 +72,10 @@ class CalibrationReports:
         write_report(self._folder / PAGE, self._pages)
 
 
-def write_evaluation_report(
-    camera: CameraSource, file: CameraFile, found: Evaluation, arguments: argparse.Namespace
-) -> None:
+def write_evaluation_report(judged: EvaluatedCamera, arguments: argparse.Namespace) -> None:
     """The page of ``evaluate --report``. The camera's images are read now, while they are open."""
-    from fisheye_ep_calib.report.from_evaluation import evaluation_report
-    from fisheye_ep_calib.report.html import write_report
-
-    inputs = {
-        "camera file": str(arguments.camera),
-        **_words(camera.inputs()),
-        "target's bow": "as in the camera file" if arguments.board_warp else "taken as flat",
-        **{f"calibration: {key}": str(value) for key, value in file.calibration.items()},
-        "written": now(),
-        **versions(),
-    }
-    flat = not arguments.board_warp
-    page = evaluation_report(file.name, file, camera.observations, found, inputs=inputs, image=camera.image, flat=flat)
-    write_report(arguments.report, [page], f"{file.name} measured on {camera.source}")
+    judged.report(arguments.report)
     print(f"wrote {arguments.report}", file=sys.stderr if arguments.json else sys.stdout)
-
-
-def _words(inputs: dict) -> dict[str, str]:
-    return {
-        key.replace("_", " "): " × ".join(map(str, value)) if isinstance(value, list) else str(value)
-        for key, value in inputs.items()
-    }
 
 
 def _options(arguments: argparse.Namespace) -> dict:

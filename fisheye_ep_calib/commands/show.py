@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-
-from fisheye_ep_calib.camera.bands import pupil_sigma, radius_sigma
+from fisheye_ep_calib.storage.camera_content import camera_content
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text
 
@@ -21,52 +19,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     file = read_camera_file(arguments.camera)
-    content = camera_json(file)
+    content = camera_content(file)
     print(json_text(content) if arguments.json else _text(file, content))
     return 0
-
-
-def camera_json(file: CameraFile) -> dict:
-    """Everything ``show --json`` prints; tables at whole degrees up to theta_max."""
-    camera, covariance = file.camera, file.covariance
-    degrees = np.arange(int(np.floor(np.degrees(camera.theta_max) + 1e-9)) + 1)
-    theta = np.radians(degrees)
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
-    return {
-        "name": file.name,
-        "model": camera.model,
-        "lens": camera.lens,
-        "image_size": list(camera.image_size),
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "skew": camera.skew,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "radial": list(camera.radial),
-        **{name: list(values) for name, values in camera.extras.items()},
-        "coefficients": list(camera.coefficients),
-        "theta_max_deg": float(np.degrees(camera.theta_max)),
-        "parameters": list(camera.parameter_names),
-        "sigma": sigma.tolist(),
-        "theta_deg": degrees.tolist(),
-        "E_m": camera.entrance_pupil(theta).tolist(),
-        "E_sigma_m": pupil_sigma(camera, covariance, theta).tolist(),
-        "r_px": (camera.fx * camera.radius(theta)).tolist(),
-        "r_sigma_px": radius_sigma(camera, covariance, theta).tolist(),
-        "projection_uncertainty": file.projection_uncertainty,
-        "svp": {
-            "distance": file.stand_in_distance,
-            "loss_px": {str(key): value for key, value in file.stand_in_loss_px.items()},
-        },
-        "calibration": file.calibration,
-    }
 
 
 def _text(file: CameraFile, content: dict) -> str:
     camera = file.camera
     width, height = camera.image_size
     lines = [f"{file.name}: {width}×{height} px, model {camera.model}, lens {camera.lens}"]
-    values = zip(camera.layout.names, camera.layout.units, camera.parameters, content["sigma"], strict=True)
+    values = zip(camera.layout.names, camera.layout.units, camera.parameters, content["sigma"].values(), strict=True)
     for name, unit, value, sigma in values:
         scale, unit = (1e3, "mm") if unit == "m" else (1, unit)
         lines.append(f"  {name:<6}{scale * value:>13.5f} ± {scale * sigma:.5f} {unit}".rstrip())

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
-from difflib import get_close_matches
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
-from fisheye_ep_calib.calibration import Options, calibrate
-from fisheye_ep_calib.calibration.calibrate import AUTO, base_structure, rough_camera
-from fisheye_ep_calib.camera import LENS_EXTRAS
+from fisheye_ep_calib.calibration import calibrate
+from fisheye_ep_calib.calibration.calibrate import AUTO, rough_camera
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.collection.progress import OnProgress, Progress, seldom, unheard
-from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
+from fisheye_ep_calib.errors import CalibrationError, Interrupted
 from fisheye_ep_calib.pipeline.calibrated_camera import CalibratedCamera
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.pipeline.looking import Look, LookAgain, Source, camera_sources
 from fisheye_ep_calib.pipeline.names import Topics
+from fisheye_ep_calib.pipeline.options import LOOK_OPTIONS, check_fit, fit_options, refuse_unknown_options
+from fisheye_ep_calib.pipeline.writing import write_cameras
 from fisheye_ep_calib.target import Target
 
 _log = logging.getLogger(__name__)
-PASSES = (1, 2)
-LOOK_OPTIONS = ("max_views", "every", "strict")
 
 
 class CalibratedCameras(Mapping[str, CalibratedCamera]):
@@ -46,6 +44,21 @@ class CalibratedCameras(Mapping[str, CalibratedCamera]):
 
     def __contains__(self, name: object) -> bool:
         return name in self._results
+
+    def write(self, folder: str | PathLike[str], *, overwrite: bool = False) -> dict[str, Path | None]:
+        """``CalibratedCamera.write`` for all of them; returns camera name → camera file."""
+        failed = {name: str(error) for name, error in self.failed.items()}
+        return write_cameras(Path(folder), list(self._results.values()), failed, overwrite=overwrite)
+
+    def report(self, path: str | PathLike[str]) -> None:
+        """Write one HTML page of all cameras."""
+        from fisheye_ep_calib.report.html import write_report
+
+        write_report(path, [result.page(pictures=True, share=len(self)) for result in self._results.values()])
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``calibrate --json`` prints."""
+        return {"cameras": {name: result.to_dict() for name, result in self._results.items()}}
 
     def __repr__(self) -> str:
         return "\n".join([*map(repr, self._results.values()), *(f"{name}: {why}" for name, why in self.failed.items())])
@@ -131,28 +144,6 @@ def _calibrated(
     on_progress(Progress(f"{camera.name}: calibrating"))
     first = (camera.seconds, rough.seconds)
     return CalibratedCamera.of(calibrate(again.observations, model, **options), again, first)
-
-
-def check_fit(model: str, passes: int, options: Mapping[str, Any]) -> None:
-    """Raises InputError before anything is looked at."""
-    if passes not in PASSES:
-        raise InputError(f"`passes` must be 1 or 2, not {passes}")
-    refuse_unknown_options(options, fit_options())
-    base_structure(Options.of(**options), model)
-
-
-def fit_options() -> tuple[str, ...]:
-    """Those of ``Options.of``: its fields, and a switch for each lens extra that is registered."""
-    return (*(field.name for field in fields(Options) if field.name != "extras"), *LENS_EXTRAS)
-
-
-def refuse_unknown_options(options: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    """Raises InputError that lists the known options and names the one that was probably meant."""
-    for name in options:
-        if name not in known:
-            meant = get_close_matches(name, known, 1)
-            hint = f"did you mean {meant[0]}? " if meant else ""
-            raise InputError(f"unknown option {name!r}; {hint}known: {', '.join(sorted(known))}")
 
 
 def none_calibrated(failures: list[CalibrationError]) -> CalibrationError:

@@ -2,7 +2,7 @@
 
 from fisheye_ep_calib.rectification.maps import SURFACES, Maps, surface_maps
 from fisheye_ep_calib.rectification.projections import PROJECTIONS
-from fisheye_ep_calib.rectification.rectifier import INTERPOLATIONS, Rectifier
+from fisheye_ep_calib.rectification.rectifier import INTERPOLATIONS, Rectifier, rectify
 from fisheye_ep_calib.rectification.view import View, field_of_view, make_view, rectified_camera_info
 
 __all__ = [
@@ -15,5 +15,6 @@ __all__ = [
     "field_of_view",
     "make_view",
     "rectified_camera_info",
+    "rectify",
     "surface_maps",
 ]

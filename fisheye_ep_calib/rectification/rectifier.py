@@ -12,7 +12,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rectification.maps import DepthMaps, Maps, surface_maps
 from fisheye_ep_calib.rectification.projections import PROJECTIONS
-from fisheye_ep_calib.rectification.view import View
+from fisheye_ep_calib.rectification.view import View, make_view
 
 NEAREST_DEPTH = 0.05  # metres
 _DISTANCES_KEPT = 4
@@ -77,3 +77,27 @@ class Rectifier:
         found, elsewhere = self._depth_maps.at(depth), self.maps(distance)
         known = depth > 0
         return Maps(np.where(known, found.x, elsewhere.x), np.where(known, found.y, elsewhere.y))
+
+
+def rectify(
+    camera: FisheyeCamera,
+    image: np.ndarray,
+    distance: float = np.inf,
+    *,
+    projection: str = "perspective",
+    fov: float | None = None,
+    size: tuple[int, int] | None = None,
+    yaw: float = 0.0,
+    pitch: float = 0.0,
+    surface: str | None = None,
+    interpolation: str = "cubic",
+) -> np.ndarray:
+    """One fisheye image (h, w) or (h, w, channels) as a camera with a single viewpoint sees it, right at a distance.
+
+    distance: metres, of the surface, "plane" or "sphere". fov, yaw (to the right), pitch (up): rad. size: (width,
+    height). The defaults are those of ``make_view``. For many images make one ``Rectifier``. Raises InputError.
+    """
+    if not distance > 0:
+        raise InputError(f"`distance` must be positive, not {distance:g} m")
+    view = make_view(camera, projection, fov, size, yaw, pitch)
+    return Rectifier(camera, view, surface, interpolation).rectify(np.asarray(image), distance)

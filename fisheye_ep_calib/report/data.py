@@ -8,18 +8,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
-
-GOOD, CAUTION, BAD = "good", "caution", "bad"
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """level: GOOD, CAUTION or BAD. headline: the answer. sentences: why. next_steps: what to record next."""
-
-    level: str
-    headline: str
-    sentences: tuple[str, ...]
-    next_steps: tuple[str, ...]
+from fisheye_ep_calib.calibration.words import Verdict
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from fisheye_ep_calib.calibration import CalibrationResult, Observations
 from fisheye_ep_calib.calibration.assessing.camera_difference import points_on_rays
 from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
+from fisheye_ep_calib.calibration.words import calibration_verdict
 from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.report.data import (
     CameraReport,
@@ -21,7 +22,6 @@ from fisheye_ep_calib.report.data import (
 from fisheye_ep_calib.report.geometry import coverage_of, residuals_of, views_of
 from fisheye_ep_calib.report.models import compared_models, lens_curve, near_far_curve, parameters_of
 from fisheye_ep_calib.report.pictures import BUDGET, with_pictures
-from fisheye_ep_calib.report.verdict import calibration_verdict
 
 _MAP_RINGS, _MAP_SECTORS = 40, 73
 
@@ -30,14 +30,13 @@ def calibration_report(
     name: str,
     observations: Observations,
     result: CalibrationResult,
-    pupil_sentence: str,
     *,
     inputs: dict[str, str] | None = None,
     unused: dict[str, str] | None = None,
     image: Callable[[int], np.ndarray] | None = None,
     picture_budget: int = BUDGET,
 ) -> CameraReport:
-    """observations: what was calibrated. pupil_sentence: whether a pupil is supported. image: of an image's number."""
+    """observations: what was calibrated. image: of an image's number."""
     rejected = _rejected(result)
     residuals = calibration_residuals(result)
     views = calibration_views(observations, result)
@@ -48,7 +47,7 @@ def calibration_report(
         name=name,
         kind="calibration",
         image_size=result.camera.image_size,
-        verdict=calibration_verdict(result, pupil_sentence),
+        verdict=calibration_verdict(result),
         findings=result.diagnosis.findings,
         facts=_facts(result),
         models=compared_models(result),

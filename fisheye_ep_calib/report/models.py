@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
-from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference
 from fisheye_ep_calib.calibration.assessing.diagnosis import NearFarSplit
+from fisheye_ep_calib.calibration.comparison import by_ring
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma, radius_sigma
 from fisheye_ep_calib.report.data import LensCurve, ModelCurve, NearFar, Parameter
 
 _SAMPLES = 91
-_RING_DEGREES = 10
 
 
 def angles(camera: FisheyeCamera) -> np.ndarray:
@@ -68,21 +67,3 @@ def near_far_curve(split: NearFarSplit) -> NearFar:
     """The two halves' difference by angle."""
     theta, difference, expected = by_ring(split.difference)
     return NearFar(split.near_m, split.far_m, theta, difference[0], expected[0])
-
-
-def by_ring(found: CameraDifference) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middles of rings (r,), degrees, and RMS over each of the difference and of its expectation (d, r), px."""
-    ring = (np.degrees(found.theta) // _RING_DEGREES).astype(int)
-    rings = np.unique(ring)
-    columns = [ring == one for one in rings]
-    difference = np.stack([rms(found.length_px[:, column]) for column in columns], axis=-1)
-    expected = np.stack([rms(found.sigma_px[:, column]) for column in columns], axis=-1)
-    return _RING_DEGREES * (rings + 0.5), difference, expected
-
-
-def rms(values: np.ndarray) -> np.ndarray:
-    """Over the last axis, NaN left out; NaN where nothing is left."""
-    finite = np.isfinite(values)
-    square = np.where(finite, values, 0.0) ** 2
-    count = finite.sum(axis=-1)
-    return np.where(count > 0, np.sqrt(square.sum(axis=-1) / np.maximum(count, 1)), np.nan)

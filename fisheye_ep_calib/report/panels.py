@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from fisheye_ep_calib.calibration.words import distance_text
 from fisheye_ep_calib.report.data import CameraReport
 from fisheye_ep_calib.report.figures.coverage import coverage_figure, distance_figure, uncertainty_figure
 from fisheye_ep_calib.report.figures.curves import lens_figure, near_far_figure, pupil_figure, stand_in_figure
@@ -12,7 +13,6 @@ from fisheye_ep_calib.report.figures.residuals import (
     residuals_by_angle_figure,
     residuals_by_distance_figure,
 )
-from fisheye_ep_calib.report.verdict import distance_text
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import datetime
 import json
 import platform
 from importlib import metadata
+from collections.abc import Mapping
 from os import PathLike
 from typing import Any
 
@@ -30,6 +31,15 @@ def versions() -> dict[str, str]:
 def now() -> str:
     """The time in UTC, to the second."""
     return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
+
+
+def inputs_in_words(inputs: Mapping[str, Any]) -> dict[str, str]:
+    """Where a result came from, as a page has it: with the time and the versions."""
+    told = {
+        key.replace("_", " "): " × ".join(map(str, value)) if isinstance(value, list) else str(value)
+        for key, value in inputs.items()
+    }
+    return {**told, "written": now(), **versions()}
 
 
 def per_view(views: tuple[View, ...]) -> list[dict[str, Any]]:

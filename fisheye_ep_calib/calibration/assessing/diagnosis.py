@@ -22,11 +22,17 @@ from fisheye_ep_calib.camera.parameters import pupil_names
 
 RING_DEGREES = 15
 SECTORS = len(SECTOR_NAMES)
+_TITLES = {
+    "depth": "depth at large angles",
+    "near_far": "near/far split",
+    "correlated_residuals": "residuals correlated within a view",
+}
+_FEW_VIEWS = 8  # below which a view more or less changes the camera beyond its bands
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One measured property of the recording. values: numbers by name, with the unit in the name.
+    """One measured property of the recording. name: as programs know it. values: numbers by name, unit in the name.
 
     concern: whether it limits the calibration. sentence: what it means and what to record more of.
     """
@@ -35,6 +41,11 @@ class Finding:
     values: dict[str, float]
     concern: bool
     sentence: str
+
+    @property
+    def title(self) -> str:
+        """The name as a person reads it."""
+        return _TITLES.get(self.name, self.name.replace("_", " "))
 
 
 @dataclass(frozen=True)
@@ -78,9 +89,10 @@ def diagnose(
         *([_pupil_against_depth(fit)] if len(camera.coefficients) else []),
         *([_near_far(split, bool(fit.structure.pupil_terms))] if split else []),
         _worst_view(fit, view_rms, names),
-        *_hanging_together(uncertainty(fit).clustering),
+        *_correlated_residuals(uncertainty(fit).clustering),
         *_copies(len(fit.sightings.images), same_place or {}),
         *_two_cameras(fit, names),
+        _few_views(len(fit.sightings.images)),
     ]
     return Diagnosis(counts, in_image, view_rms, split, tuple(findings))
 
@@ -117,9 +129,9 @@ def _depth(theta: np.ndarray, distance: np.ndarray) -> Finding:
     values = {"nearest_m": float(near), "farthest_m": float(far), "ratio": float(far / near)}
     told = f"beyond {np.degrees(0.75 * theta.max()):.0f}° the target stood {near:.3f}–{far:.3f} m away"
     if far / near >= 2:
-        return Finding("depth at large angles", values, False, f"{told}: enough to observe the entrance pupil")
+        return Finding("depth", values, False, f"{told}: enough to observe the entrance pupil")
     return Finding(
-        "depth at large angles",
+        "depth",
         values,
         True,
         f"{told}; show it there at half and at twice that distance too, which is what makes the pupil observable",
@@ -146,7 +158,7 @@ def _pupil_against_depth(fit: Fit) -> Finding:
     told = f"E({np.degrees(angle):.0f}°) is known to {1e3 * sigma:.3f} mm and correlates {correlation:+.2f} with depth"
     concern = abs(correlation) > 0.95
     advice = "; views nearer to the lens would separate the two" if concern else ": the two are told apart"
-    return Finding("pupil against depth", values, concern, told + advice)
+    return Finding("pupil_against_depth", values, concern, told + advice)
 
 
 def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
@@ -174,7 +186,7 @@ def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
             known = uncertainty(half)
         except np.linalg.LinAlgError:  # half of the views leave something open
             return None
-        # A model that fails makes residuals hang together: that must not excuse it.
+        # A model that fails makes residuals correlate within a view: that must not excuse it.
         covariances.append(known.covariance / known.clustering)
         cameras.append(replace(half.state.camera, theta_max=seen))
     near, far = (float(np.median(mean[part])) for part in parts)
@@ -197,9 +209,9 @@ def _near_far(split: NearFarSplit, pupil: bool) -> Finding:
         f"{difference:.3f} px at infinity, {expected:.3f} px expected"
     )
     if difference <= 2.5 * expected:
-        return Finding("near/far split", values, False, f"{told}: the camera holds at every distance recorded")
+        return Finding("near_far", values, False, f"{told}: the camera holds at every distance recorded")
     return Finding(
-        "near/far split",
+        "near_far",
         values,
         True,
         f"{told}: an error hides at the distances recorded and shows at others; "
@@ -211,12 +223,22 @@ def _near_far(split: NearFarSplit, pupil: bool) -> Finding:
     )
 
 
-def _hanging_together(clustering: float) -> list[Finding]:
+def _correlated_residuals(clustering: float) -> list[Finding]:
     if clustering == 1:
         return []
     wider = float(np.sqrt(clustering))
-    told = f"the points of a view err together: bands are {wider:.1f} times as wide as their scatter alone would give"
-    return [Finding("errors that hang together", {"widening": wider}, False, told)]
+    told = (
+        f"the points of a view err together: bands are {wider:.1f} times as wide as independent noise makes them"
+    )
+    return [Finding("correlated_residuals", {"widening": wider}, False, told)]
+
+
+def _few_views(views: int) -> Finding:
+    values = {"views": float(views)}
+    if views >= _FEW_VIEWS:
+        return Finding("few_views", values, False, f"{views} views: a single one does not decide the camera")
+    told = f"{views} views are few: one of them more or less changes the camera; record {2 * _FEW_VIEWS} or more"
+    return Finding("few_views", values, True, told)
 
 
 def _copies(views: int, same_place: Mapping[int, tuple[int, ...]]) -> list[Finding]:
@@ -266,5 +288,5 @@ def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...]) -> Findi
     values = {"rms_px": float(view_rms[worst]), "median_rms_px": middle, "image": float(fit.sightings.images[worst])}
     told = f"the worst view is {name}: {view_rms[worst]:.3f} px, where the middle one has {middle:.3f} px"
     if view_rms[worst] <= 2.5 * max(middle, 1e-9):
-        return Finding("worst view", values, False, f"{told}: none stands out")
-    return Finding("worst view", values, True, f"{told}; look at it for blur or a bent target, or record it again")
+        return Finding("worst_view", values, False, f"{told}: none stands out")
+    return Finding("worst_view", values, True, f"{told}; look at it for blur or a bent target, or record it again")

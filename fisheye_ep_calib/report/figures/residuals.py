@@ -1,10 +1,12 @@
-"""Figures of residuals: over the image, against θ, against distance."""
+"""Figures of residuals: over the image, against θ, against distance.
+
+Each is drawn on axes; ``…_figure`` makes an SVG of it for the page.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from fisheye_ep_calib.report.data import Rejected, Residuals
 from fisheye_ep_calib.report.figures.style import ACCENT, INK, SECOND, SERIES, image_axes, plain_log_ticks, svg
@@ -25,38 +27,46 @@ def magnification(lengths_px: np.ndarray, target_px: float) -> float:
     return float(decade * max(step for step in _NICE if step <= wanted / decade + 1e-9))
 
 
-def residual_vectors_figure(
-    residuals: Residuals, rejected: tuple[Rejected, ...], size: tuple[int, int], identity: str
-) -> tuple[str, float, float]:
-    """Every residual as a faint vector, the mean of each cell as a strong one; also both magnifications."""
-    width, height = size
-    longer = max(width, height)
+def draw_residual_vectors(
+    axes: Axes, residuals: Residuals, rejected: tuple[Rejected, ...], size: tuple[int, int]
+) -> tuple[float, float]:
+    """Every residual as a faint vector, the mean of each cell as a strong one; returns both magnifications."""
+    longer = max(size)
     length = np.linalg.norm(residuals.error, axis=-1)
     factor = magnification(length, longer / 40)
     middle, mean = _cell_means(residuals, longer / _CELLS)
     mean_factor = magnification(np.linalg.norm(mean, axis=-1), longer / 22) if len(mean) else 1.0
+    ends = residuals.pixels + factor * residuals.error
+    lines = np.stack([residuals.pixels, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2)
+    axes.plot(*lines.T, color=ACCENT, lw=0.6, alpha=0.8, rasterized=True)
+    if len(mean):
+        axes.quiver(
+            *middle.T,
+            *(mean_factor * mean).T,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.0045,
+            color=SECOND,
+            zorder=3,
+        )
+    if rejected:
+        axes.plot(*np.array([one.pixel for one in rejected]).T, "x", ms=4, mew=1.1, color=SERIES[4])
+    image_axes(axes, size)
+    return factor, mean_factor
 
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        ends = residuals.pixels + factor * residuals.error
-        lines = np.stack([residuals.pixels, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2)
-        axes.plot(*lines.T, color=ACCENT, lw=0.6, alpha=0.8, rasterized=True)
-        if len(mean):
-            axes.quiver(
-                *middle.T,
-                *(mean_factor * mean).T,
-                angles="xy",
-                scale_units="xy",
-                scale=1,
-                width=0.0045,
-                color=SECOND,
-                zorder=3,
-            )
-        if rejected:
-            axes.plot(*np.array([one.pixel for one in rejected]).T, "x", ms=4, mew=1.1, color=SERIES[4])
-        image_axes(axes, size)
 
-    return svg(draw, identity, (4.6, 0.6 + 4.0 * height / width)), factor, mean_factor
+def residual_vectors_figure(
+    residuals: Residuals, rejected: tuple[Rejected, ...], size: tuple[int, int], identity: str
+) -> tuple[str, float, float]:
+    """The SVG, and both magnifications."""
+    factors: list[tuple[float, float]] = []
+    drawn = svg(
+        lambda figure: factors.append(draw_residual_vectors(figure.add_subplot(), residuals, rejected, size)),
+        identity,
+        (4.6, 0.6 + 4.0 * size[1] / size[0]),
+    )
+    return drawn, *factors[0]
 
 
 def _cell_means(residuals: Residuals, side: float) -> tuple[np.ndarray, np.ndarray]:
@@ -71,47 +81,45 @@ def _cell_means(residuals: Residuals, side: float) -> tuple[np.ndarray, np.ndarr
     return (cells[enough] + 0.5) * side, mean[enough]
 
 
-def residuals_by_angle_figure(residuals: Residuals, identity: str) -> str:
+def draw_residuals_by_angle(axes: Axes, residuals: Residuals) -> None:
     """Radial and tangential parts against θ: a mean off zero is an error of the model, spread is noise."""
     along = residuals.azimuth
     radial = residuals.error[:, 0] * np.cos(along) + residuals.error[:, 1] * np.sin(along)
     tangential = -residuals.error[:, 0] * np.sin(along) + residuals.error[:, 1] * np.cos(along)
     degrees = np.degrees(residuals.theta)
-
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        axes.axhline(0, color=INK, lw=0.7)
-        axes.plot(degrees, radial, ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
-        edges = np.linspace(0, degrees.max() * (1 + 1e-9), _BINS + 1)
-        _binned_mean(axes, degrees, radial, edges, SECOND, "mean, radial")
-        _binned_mean(axes, degrees, tangential, edges, SERIES[2], "mean, tangential")
-        reach = 1.15 * float(np.quantile(np.abs(radial), 0.995))
-        axes.set(xlabel="θ, degrees", ylabel="residual, px", xlim=(0, edges[-1]), ylim=(-reach, reach))
-        axes.legend(loc="lower left", ncols=2)
-
-    return svg(draw, identity)
+    axes.axhline(0, color=INK, lw=0.7)
+    axes.plot(degrees, radial, ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
+    edges = np.linspace(0, degrees.max() * (1 + 1e-9), _BINS + 1)
+    _binned_mean(axes, degrees, radial, edges, SECOND, "mean, radial")
+    _binned_mean(axes, degrees, tangential, edges, SERIES[2], "mean, tangential")
+    reach = 1.15 * float(np.quantile(np.abs(radial), 0.995))
+    axes.set(xlabel="θ, degrees", ylabel="residual, px", xlim=(0, edges[-1]), ylim=(-reach, reach))
+    axes.legend(loc="lower left", ncols=2)
 
 
-def residuals_by_distance_figure(residuals: Residuals, identity: str) -> str:
+def residuals_by_angle_figure(residuals: Residuals, identity: str) -> str:
+    return svg(lambda figure: draw_residuals_by_angle(figure.add_subplot(), residuals), identity)
+
+
+def draw_residuals_by_distance(axes: Axes, residuals: Residuals) -> None:
     """Lengths against distance, with their RMS."""
     length = np.linalg.norm(residuals.error, axis=-1)
     distance = residuals.distance
+    axes.plot(distance, length, ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
+    wide = distance.max() > 4 * distance.min()
+    space = np.geomspace if wide else np.linspace
+    edges = space(distance.min() * (1 - 1e-9), distance.max() * (1 + 1e-9) + 1e-12, _BINS + 1)
+    middle, square = _bin_means(distance, length**2, edges)
+    axes.plot(middle, np.sqrt(square), "o-", ms=3.5, color=SECOND, label="RMS")
+    if wide:
+        axes.set_xscale("log")
+        plain_log_ticks(axes.xaxis, distance)
+    axes.set(xlabel="distance, m", ylabel="residual, px", ylim=(0, 1.15 * float(np.quantile(length, 0.995))))
+    axes.legend()
 
-    def draw(figure: Figure) -> None:
-        axes = figure.add_subplot()
-        axes.plot(distance, length, ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
-        wide = distance.max() > 4 * distance.min()
-        space = np.geomspace if wide else np.linspace
-        edges = space(distance.min() * (1 - 1e-9), distance.max() * (1 + 1e-9) + 1e-12, _BINS + 1)
-        middle, square = _bin_means(distance, length**2, edges)
-        axes.plot(middle, np.sqrt(square), "o-", ms=3.5, color=SECOND, label="RMS")
-        if wide:
-            axes.set_xscale("log")
-            plain_log_ticks(axes.xaxis, distance)
-        axes.set(xlabel="distance, m", ylabel="residual, px", ylim=(0, 1.15 * float(np.quantile(length, 0.995))))
-        axes.legend()
 
-    return svg(draw, identity)
+def residuals_by_distance_figure(residuals: Residuals, identity: str) -> str:
+    return svg(lambda figure: draw_residuals_by_distance(figure.add_subplot(), residuals), identity)
 
 
 def _binned_mean(axes: Axes, x: np.ndarray, y: np.ndarray, edges: np.ndarray, color: str, label: str) -> None:

@@ -1,24 +1,70 @@
-"""The answer in words: how good a camera is, and what to record next."""
+"""A calibration in words: how good the camera is, whether it has a pupil that moves, and what to record next.
+
+Every door says it with these: command, page, node and notebook.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
-from fisheye_ep_calib.report.data import BAD, CAUTION, GOOD, Verdict
+from fisheye_ep_calib.calibration.result import CalibrationResult
+from fisheye_ep_calib.camera.bands import pupil_sigma
 
+GOOD, CAUTION, BAD = "good", "caution", "bad"
 _LARGE_RMS = 1.0  # px; a target that is found well leaves less
 _OVERFIT = 1.25  # held-out RMS over RMS
-_NEAR_FAR = "near/far split"
+_NEAR_FAR = "near_far"
+_PUPIL_DEGREES = 60.0  # at which E(θ) is told, where so much was seen
 
 
-def calibration_verdict(result: CalibrationResult, pupil_sentence: str) -> Verdict:
+@dataclass(frozen=True)
+class Verdict:
+    """level: GOOD, CAUTION or BAD. headline: the answer. sentences: why. next_steps: what to record next."""
+
+    level: str
+    headline: str
+    sentences: tuple[str, ...]
+    next_steps: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return self.headline
+
+
+def pupil_sentence(result: CalibrationResult) -> str:
+    """Whether the data support an entrance pupil that moves."""
+    if not result.entrance_pupil_supported:
+        return (
+            "an entrance pupil is not supported by these data: record the target close to the lens and out to the "
+            "edge of the image, at several distances, if you need one"
+        )
+    if result.model == "kannala":
+        return "the data support an entrance pupil, which this single-viewpoint model leaves out: try model auto"
+    camera = result.camera
+    angle = min(np.deg2rad(_PUPIL_DEGREES), camera.theta_max)
+    shift = 1e3 * float(camera.entrance_pupil(angle))
+    sigma = 1e3 * float(pupil_sigma(camera, result.uncertainty.covariance, np.array(angle)))
+    return f"entrance pupil supported: E({np.degrees(angle):.0f}°) = {shift:+.3f} ± {sigma:.3f} mm"
+
+
+def loss_sentence(result: CalibrationResult) -> str:
+    """What the camera of plain CameraInfo costs."""
+    losses = ", ".join(f"{loss:.2f} px at {distance:g} m" for distance, loss in result.stand_in.loss_px.items())
+    return f"a single-viewpoint consumer of CameraInfo loses {losses}"
+
+
+def calibration_verdict(result: CalibrationResult) -> Verdict:
     findings = result.diagnosis.findings
     concerns = [one for one in findings if one.concern]
     level, headline = _headline(result, concerns)
-    sentences = [_fit_sentence(result), sentence(pupil_sentence), *_uncertainty_sentences(result.projection_table)]
+    sentences = [
+        _fit_sentence(result),
+        sentence(pupil_sentence(result)),
+        *_uncertainty_sentences(result.projection_table),
+    ]
     if result.rms_px > _LARGE_RMS:
         sentences.append(
             f"An RMS over {_LARGE_RMS:g} px is large: check that the target file describes the printed target, that it "

@@ -1,0 +1,127 @@
+"""Two calibrations of a camera side by side: in numbers, in words and as plain data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference
+from fisheye_ep_calib.calibration.words import distance_text
+
+_BEYOND_NOISE = 2.5  # times what the uncertainties lead to expect
+_RING_DEGREES = 10
+
+
+@dataclass(frozen=True)
+class DistanceSummary:
+    """At one distance, px over the field; expected_px: the RMS that the uncertainties alone lead to expect."""
+
+    distance_m: float
+    rms_px: float
+    median_px: float
+    p95_px: float
+    largest_px: float
+    expected_px: float
+
+    @property
+    def beyond_noise(self) -> bool:
+        return self.rms_px > _BEYOND_NOISE * self.expected_px
+
+
+def summaries(found: CameraDifference) -> tuple[DistanceSummary, ...]:
+    """One a distance; NaN where the cameras share no pixel."""
+    rows = []
+    for distance, length, sigma in zip(found.distance_m, found.length_px, found.sigma_px, strict=True):
+        seen = length[np.isfinite(length)]
+        if len(seen) == 0:
+            rows.append(DistanceSummary(float(distance), *[float("nan")] * 5))
+            continue
+        middle, high = np.quantile(seen, [0.5, 0.95])
+        rows.append(
+            DistanceSummary(
+                float(distance), float(rms(length)), float(middle), float(high), float(seen.max()), float(rms(sigma))
+            )
+        )
+    return tuple(rows)
+
+
+def agreement(found: CameraDifference, rows: tuple[DistanceSummary, ...]) -> tuple[bool | None, str]:
+    """Whether the cameras agree within their uncertainties, None where neither brought one; and in words."""
+    rows = tuple(row for row in rows if np.isfinite(row.rms_px))
+    if not rows:
+        return None, "The cameras share no part of the field at these distances."
+    worst = max(rows, key=lambda row: row.rms_px)
+    if not any(found.known):
+        said = f"They differ by up to {worst.rms_px:.3g} px RMS, at {distance_text(worst.distance_m)}"
+        return None, f"{said}; neither file carries uncertainties to compare it with."
+    partly = "" if all(found.known) else " Only one of the files carries its uncertainty."
+    clear = [row for row in rows if row.beyond_noise]
+    if not clear:
+        said = f"They agree within their uncertainties: {worst.rms_px:.3g} px RMS at most, at "
+        return True, f"{said}{distance_text(worst.distance_m)}.{partly}"
+    worst = max(clear, key=lambda row: row.rms_px)
+    said = f"They differ by more than their uncertainties explain: {worst.rms_px:.3g} px RMS at "
+    said += f"{distance_text(worst.distance_m)}, where {worst.expected_px:.3g} px is expected."
+    return False, said + partly
+
+
+def alignment_text(found: CameraDifference, alignment: str) -> str:
+    """What was taken out before the cameras were compared."""
+    if alignment == "none":
+        return "Nothing was aligned: the frames of both cameras are taken as they are."
+    angle = np.degrees(np.linalg.norm(found.rotation))
+    said = f"B was turned by {angle:.4f}° to agree best over all of these distances: "
+    said += "an orientation is no property of a camera."
+    if alignment == "rotation":
+        return said
+    return f"{said} Its origin was shifted by {1e3 * np.linalg.norm(found.shift):.4f} mm too."
+
+
+def comparison_content(found: CameraDifference, alignment: str) -> dict[str, Any]:
+    """What there is to say of the difference, in numbers, texts and lists of them: ``compare --json``."""
+    rows = summaries(found)
+    theta, difference, expected = by_ring(found)
+    agree, told = agreement(found, rows)
+    known = any(found.known)
+    return {
+        "alignment": alignment,
+        "rotation_rad": found.rotation.tolist(),
+        "shift_m": found.shift.tolist(),
+        "theta_max_deg": float(np.degrees(found.theta.max())),
+        "agree": agree,
+        "verdict": told,
+        "theta_deg": theta.tolist(),
+        "distances": [
+            {
+                "distance_m": row.distance_m,
+                "rms_px": row.rms_px,
+                "median_px": row.median_px,
+                "p95_px": row.p95_px,
+                "max_px": row.largest_px,
+                "expected_rms_px": row.expected_px if known else None,
+                "rms_by_theta_px": difference[index].tolist(),
+                "expected_rms_by_theta_px": expected[index].tolist() if known else None,
+            }
+            for index, row in enumerate(rows)
+        ],
+    }
+
+
+def by_ring(found: CameraDifference) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middles of rings (r,), degrees, and RMS over each of the difference and of its expectation (d, r), px."""
+    ring = (np.degrees(found.theta) // _RING_DEGREES).astype(int)
+    rings = np.unique(ring)
+    columns = [ring == one for one in rings]
+    difference = np.stack([rms(found.length_px[:, column]) for column in columns], axis=-1)
+    expected = np.stack([rms(found.sigma_px[:, column]) for column in columns], axis=-1)
+    return _RING_DEGREES * (rings + 0.5), difference, expected
+
+
+def rms(values: np.ndarray) -> np.ndarray:
+    """Over the last axis, NaN left out; NaN where nothing is left."""
+    finite = np.isfinite(values)
+    square = np.where(finite, values, 0.0) ** 2
+    count = finite.sum(axis=-1)
+    return np.where(count > 0, np.sqrt(square.sum(axis=-1) / np.maximum(count, 1)), np.nan)

@@ -1,0 +1,82 @@
+"""A calibration as plain data: the one place where its figures get their names.
+
+``calibrate --json``, calibration.json and whatever else programs read are views of it (docs/calibration_json.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
+from fisheye_ep_calib.calibration.result import CalibrationResult
+
+SUPPORTED, NOT_DISTINGUISHABLE = "supported", "not distinguishable"
+# What ``diagnosis`` calls a finding that has another title now; kept for one version.
+_FORMER_TITLES = {"correlated_residuals": "errors that hang together"}
+
+
+def calibration_content(result: CalibrationResult) -> dict[str, Any]:
+    """What there is to say of a calibration, in numbers, texts and lists of them."""
+    names = result.fit.sightings.observations.image_names
+    findings = result.diagnosis.findings
+    supported = result.entrance_pupil_supported
+    return {
+        "model": result.model,
+        "rms_px": result.rms_px,
+        "views": result.views,
+        "points": result.points,
+        "rejected_points": len(result.rejected),
+        "entrance_pupil_supported": supported,
+        "entrance_pupil": SUPPORTED if supported else NOT_DISTINGUISHABLE,
+        "iterations": result.iterations,
+        "converged": result.converged,
+        "seconds": dict(result.seconds),
+        "comparison": {
+            name: {"rms_px": one.rms_px, "cross_validated_rms_px": one.cross_validated_rms_px}
+            for name, one in result.comparison.items()
+        },
+        "reasons": list(result.reasons),
+        "board": board_content(result),
+        "board_warp_mm": (1e3 * result.board_warp).tolist(),
+        "noise_px": result.uncertainty.sigma_px,
+        "svp_loss_px": {str(key): value for key, value in result.stand_in.loss_px.items()},
+        "rejected": [
+            {"view": names[point.view], "point": point.point, "residual_px": list(point.residual)}
+            for point in result.rejected
+        ],
+        "wrong_views": [names[view] for view in result.wrong_views],
+        "findings": findings_content(findings),
+        "diagnosis": [
+            {
+                "name": _FORMER_TITLES.get(one.name, one.title),
+                "values": one.values,
+                "concern": one.concern,
+                "sentence": one.sentence,
+            }
+            for one in findings
+        ],
+    }
+
+
+def findings_content(findings: Iterable[Finding]) -> list[dict[str, Any]]:
+    """name: as programs know it. raised: whether it limits the result. text: what it means and what to do."""
+    return [{"name": one.name, "raised": one.concern, "text": one.sentence} for one in findings]
+
+
+def board_content(result: CalibrationResult) -> dict[str, Any]:
+    """What the calibration says of the target's shape; None where it says nothing."""
+    warp = result.board_warp
+    board = result.fit.sightings.features.board
+    points = result.fit.sightings.observations.object_points
+    heights = np.tensordot(warp, board.warp_shapes(points.T), axes=1) if board.planar else np.zeros(len(points))
+    return {
+        "shape": "bow" if result.fit.structure.board_warp else "flat",
+        "bent": bool(np.any(warp)),
+        "height_rms_mm": 1e3 * float(np.std(heights)),
+        "in_plane_rms_mm": None,
+        "rough_rms_mm": None,
+        "aspect_percent": None,
+    }

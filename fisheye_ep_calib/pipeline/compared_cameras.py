@@ -1,0 +1,76 @@
+"""Two cameras compared, with words and plain data at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.assessing.camera_difference import ALIGNMENTS, CameraDifference, camera_difference
+from fisheye_ep_calib.calibration.comparison import (
+    DistanceSummary,
+    agreement,
+    alignment_text,
+    comparison_content,
+    summaries,
+)
+from fisheye_ep_calib.calibration.words import distance_text
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
+
+DISTANCES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class ComparedCameras(CameraDifference):
+    """alignment: what was taken out before they were compared."""
+
+    alignment: str
+
+    @property
+    def by_distance(self) -> tuple[DistanceSummary, ...]:
+        return summaries(self)
+
+    @property
+    def agree(self) -> bool | None:
+        """Whether they agree within their uncertainties; None where neither brought one."""
+        return agreement(self, self.by_distance)[0]
+
+    @property
+    def verdict(self) -> str:
+        return agreement(self, self.by_distance)[1]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``compare --json`` prints of the difference."""
+        return comparison_content(self, self.alignment)
+
+    def __repr__(self) -> str:
+        rows = [
+            f"  {distance_text(row.distance_m):>10}: {row.rms_px:.4f} px RMS, {row.expected_px:.4f} px expected"
+            for row in self.by_distance
+        ]
+        return "\n".join([self.verdict, alignment_text(self, self.alignment), *rows])
+
+
+def compare(
+    first: AnyCamera, second: AnyCamera, distances: Sequence[float] = DISTANCES, *, alignment: str = "rotation"
+) -> ComparedCameras:
+    """How two cameras differ in pixels for points at these distances (metres, inf too), second minus first.
+
+    Each is a camera alone, a calibration, a camera file or its path; the last three bring their uncertainties.
+    alignment: what is no property of a camera, "rotation"; "rigid" adds the frame's origin; or "none".
+    """
+    if not len(distances) or any(not distance > 0 for distance in distances):
+        raise InputError("`distances` are positive lengths in metres, or inf")
+    if alignment not in ALIGNMENTS:
+        raise InputError(f"unknown `alignment` {alignment!r}; known: {', '.join(ALIGNMENTS)}")
+    one, other = known_camera(first), known_camera(second)
+    covariances = tuple(file.covariance if file.covariance.any() else None for file in (one, other))
+    distances = sorted(dict.fromkeys(map(float, distances)))
+    found = camera_difference(one.camera, other.camera, distances, (covariances[0], covariances[1]), alignment)
+    if not np.isfinite(found.length_px).any():
+        raise InputError("the two cameras share no part of the field at these distances")
+    values = {field.name: getattr(found, field.name) for field in fields(found)}
+    return ComparedCameras(**values, alignment=alignment)

@@ -1,0 +1,126 @@
+"""A camera measured on other observations, with its words, figures and page at hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
+from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation, evaluate_camera
+from fisheye_ep_calib.calibration.evaluation_words import (
+    evaluation_content,
+    evaluation_findings,
+    evaluation_verdict,
+    expected_rms,
+)
+from fisheye_ep_calib.calibration.words import Verdict
+from fisheye_ep_calib.pipeline.camera_source import CameraSource
+from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
+from fisheye_ep_calib.pipeline.page_of_words import words_html
+from fisheye_ep_calib.storage.camera_file import CameraFile
+
+if TYPE_CHECKING:
+    from fisheye_ep_calib.report.data import CameraReport
+    from fisheye_ep_calib.report.plots import CameraPlots
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class EvaluatedCamera(Evaluation):
+    """known: the camera that was measured. seen: on what. flat: the target was taken as flat. path: of known."""
+
+    known: CameraFile
+    seen: CameraSource
+    flat: bool = True
+    path: str = ""
+
+    @property
+    def observations(self) -> Observations:
+        return self.seen.observations
+
+    @property
+    def expected_rms_px(self) -> float | None:
+        """What the calibration's own noise leads to expect; None where it is not known."""
+        return expected_rms(self, self.known.calibration.get("noise_px"))
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What stands out by angle, distance and view."""
+        bow = float(abs(self.known.board_warp).max()) if self.flat else 0.0
+        return evaluation_findings(self, self.observations, self.known.camera.theta_max, bow)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the camera holds on these observations, and why."""
+        return evaluation_verdict(self, self.expected_rms_px, self.findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``evaluate --json`` prints."""
+        return evaluation_content(self, self.observations, self.expected_rms_px, self.verdict, self.findings)
+
+    def report(self, path: str | PathLike[str]) -> None:
+        """Write one HTML page with all figures, and the images as far as they can still be read."""
+        from fisheye_ep_calib.report.html import write_report
+
+        title = f"{self.known.name} measured on {self.seen.source}" if self.seen.source else ""
+        write_report(path, [self._report(pictures=True)], title)
+
+    def _report(self, pictures: bool = False) -> CameraReport:
+        from fisheye_ep_calib.report.from_evaluation import evaluation_report
+        from fisheye_ep_calib.report.record import inputs_in_words
+
+        inputs = {"camera file": self.path} if self.path else {}
+        inputs |= inputs_in_words(self.seen.inputs())
+        inputs["target's bow"] = "taken as flat" if self.flat else "as in the camera file"
+        inputs |= {f"calibration: {key}": str(value) for key, value in self.known.calibration.items()}
+        return evaluation_report(
+            self.known.name,
+            self.known,
+            self.observations,
+            self,
+            flat=self.flat,
+            inputs=inputs,
+            image=self.seen.image if pictures else None,
+        )
+
+    @property
+    def plot(self) -> CameraPlots:
+        """The report's figures one by one, on matplotlib's axes: ``judged.plot.residuals(ax)``."""
+        from fisheye_ep_calib.report.plots import CameraPlots
+
+        return CameraPlots(self._report())
+
+    def __repr__(self) -> str:
+        expected = self.expected_rms_px
+        than = "" if expected is None else f", {expected:.3f} px expected"
+        failed = f"; {len(self.failed)} views without a pose" if self.failed else ""
+        return (
+            f"{self.known.name} on {self.points} points in {len(self.images)} views: RMS {self.rms_px:.3f} px{than}, "
+            f"median {self.median_px:.3f} px, 95 % below {self.p95_px:.3f} px{failed}\n  {self.verdict.headline}"
+        )
+
+    def _repr_html_(self) -> str:
+        return words_html(repr(self), self.verdict, self.findings)
+
+
+def evaluate(
+    camera: AnyCamera,
+    observations: Observations | CameraSource,
+    *,
+    board_warp: bool = False,
+    disc_centers: str = "unbiased",
+) -> EvaluatedCamera:
+    """Measure a camera on observations: every view's pose is refitted, the camera stays as it is.
+
+    camera: a camera alone, a calibration, a camera file or its path; what the last three know of their noise tells
+    what is to be expected. board_warp: bend the target as the calibration found it bent.
+    """
+    known = known_camera(camera)
+    seen = CameraSource("camera", observations) if isinstance(observations, Observations) else observations
+    warp = known.board_warp if board_warp else None
+    found = evaluate_camera(known.camera, seen.observations, warp, disc_centers)
+    values = {field.name: getattr(found, field.name) for field in fields(found)}
+    path = str(camera) if isinstance(camera, str | PathLike) else ""
+    return EvaluatedCamera(**values, known=known, seen=seen, flat=not board_warp, path=path)

@@ -1,0 +1,83 @@
+"""Calibrated cameras as files: camera files, observations and calibration.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.pipeline.calibrated_camera import CalibratedCamera
+from fisheye_ep_calib.pipeline.camera_source import CameraSource
+from fisheye_ep_calib.storage.camera_file import save_camera
+from fisheye_ep_calib.storage.observation_file import save_observations
+from fisheye_ep_calib.storage.results_folder import results_folder
+
+PAGE, RECORD = "report.html", "calibration.json"
+
+
+def refuse_existing(paths: Sequence[Path | None], overwrite: bool) -> None:
+    """Nothing is replaced silently."""
+    for path in paths:
+        if path is not None and path.exists() and not overwrite:
+            raise InputError(f"{path} is there already; give another place, or `overwrite`")
+
+
+def files_of(name: str) -> tuple[str, ...]:
+    """The files that a camera of that name may get, beside those of all cameras."""
+    return f"{name}.yaml", f"{name}.not_converged.yaml", observation_file(name)
+
+
+def observation_file(name: str) -> str:
+    return f"observations/{name}.npz"
+
+
+def write_observations(folder: Path, camera: CameraSource) -> None:
+    save_observations(folder / observation_file(camera.name), camera.observations)
+
+
+def write_camera(folder: Path, result: CalibratedCamera) -> str | None:
+    """Write the observations, then the camera file; one that did not converge is marked by its name.
+
+    Returns the camera file's name; None for the paper's equation as printed, which is no camera.
+    """
+    write_observations(folder, result.seen)
+    if result.fit.structure.target_axis:
+        return None
+    name = f"{result.name}.yaml" if result.converged else f"{result.name}.not_converged.yaml"
+    save_camera(folder / name, result, result.name, result.seen.source)
+    return name
+
+
+def record_of(result: CalibratedCamera, content: Mapping[str, Any]) -> dict[str, Any]:
+    """A camera's part of calibration.json. content: of ``to_dict``."""
+    from fisheye_ep_calib.report.from_calibration import calibration_views
+    from fisheye_ep_calib.report.record import per_view
+
+    views = calibration_views(result.observations, result)
+    return {**content, "inputs": result.seen.inputs(), "per_view": per_view(views)}
+
+
+def write_cameras(
+    output: Path,
+    results: Sequence[CalibratedCamera],
+    failed: Mapping[str, str] | None = None,
+    options: Mapping[str, Any] | None = None,
+    *,
+    overwrite: bool = False,
+) -> dict[str, Path | None]:
+    """Write all files of these cameras to a folder, all or none; returns camera name → camera file."""
+    from fisheye_ep_calib.report.record import write_record
+
+    taken = [output / file for result in results for file in files_of(result.name)]
+    refuse_existing([output / RECORD, *taken], overwrite)
+    files: dict[str, Path | None] = {}
+    records = {}
+    with results_folder(output) as folder:
+        for result in results:
+            name = write_camera(folder, result)
+            files[result.name] = name and output / name
+            yaml = None if name is None else str(output / name)
+            records[result.name] = record_of(result, result.to_dict() | {"yaml": yaml})
+        write_record(folder / RECORD, records, dict(failed or {}), dict(options or {}))
+    return files
