@@ -1,11 +1,11 @@
 """Fisheye calibration with a moving entrance pupil: the public face, for programs and notebooks.
 
-    cameras = calibrate_recording("recording.mcap", "circle_grid_11x7", topics={"front": "/front/image_raw"})
-    front = cameras["front"]
-    front.verdict, front.findings
-    front.write("calibration")
-    front.report("report.html")
-    front.plot.entrance_pupil()
+cameras = calibrate_recording("recording.mcap", "circle_grid_11x7", topics={"front": "/front/image_raw"})
+front = cameras["front"]
+front.verdict, front.findings
+front.write("calibration")
+front.report("report.html")
+front.plot.entrance_pupil()
 """
 
 import importlib

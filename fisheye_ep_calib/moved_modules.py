@@ -4,6 +4,7 @@ import sys
 import warnings
 from importlib import import_module
 from importlib.machinery import ModuleSpec
+from types import ModuleType
 
 _PACKAGE = "fisheye_ep_calib."
 # Room → former names in it, each with its new place where that is not the same name in the new room.
@@ -54,7 +55,7 @@ class _Finder:
     def find_spec(name: str, path: object = None, target: object = None) -> ModuleSpec | None:
         if not name.startswith(_PACKAGE) or name not in moved_modules():
             return None
-        return ModuleSpec(name, _Loader())
+        return ModuleSpec(name, _Loader())  # type: ignore[arg-type]  # a loader need be no subclass of it
 
 
 class _Loader:
@@ -63,7 +64,7 @@ class _Loader:
         return None
 
     @staticmethod
-    def exec_module(module) -> None:
+    def exec_module(module: ModuleType) -> None:
         former, new = module.__name__, moved_modules()[module.__name__]
         warnings.warn(f"{former} is {new} now; the former name goes with the next version", DeprecationWarning, 2)
         sys.modules[former] = import_module(new)

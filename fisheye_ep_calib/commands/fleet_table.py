@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from fisheye_ep_calib.pipeline.writing import RECORD
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.pipeline.writing import RECORD
 from fisheye_ep_calib.storage.camera_content import camera_content
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 

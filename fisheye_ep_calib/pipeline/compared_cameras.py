@@ -47,10 +47,10 @@ class ComparedCameras(CameraDifference):
         return comparison_content(self, self.alignment)
 
     def __repr__(self) -> str:
-        rows = [
-            f"  {distance_text(row.distance_m):>10}: {row.rms_px:.4f} px RMS, {row.expected_px:.4f} px expected"
-            for row in self.by_distance
-        ]
+        rows = []
+        for row in self.by_distance:
+            expected = f", {row.expected_px:.4f} px expected" if any(self.known) else ""
+            rows.append(f"  {distance_text(row.distance_m):>10}: {row.rms_px:.4f} px RMS{expected}")
         return "\n".join([self.verdict, alignment_text(self, self.alignment), *rows])
 
 

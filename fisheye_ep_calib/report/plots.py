@@ -60,7 +60,9 @@ class CameraPlots:
     def uncertainty(self, ax: Axes | None = None, which: int = 0) -> Axes:
         """1σ of a projected point over the image: which 0 at the distance recorded, 1 at infinity."""
         if not 0 <= which < len(self._page.uncertainty_maps):
-            raise InputError(f"there are {len(self._page.uncertainty_maps)} maps of the uncertainty; `which` is {which}")
+            raise InputError(
+                f"there are {len(self._page.uncertainty_maps)} maps of the uncertainty; `which` is {which}"
+            )
         return _drawn(ax, draw_uncertainty, self._page.uncertainty_maps[which], self._page.image_size)
 
     def near_far(self, ax: Axes | None = None) -> Axes:

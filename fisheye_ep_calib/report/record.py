@@ -8,8 +8,8 @@ from __future__ import annotations
 import datetime
 import json
 import platform
-from importlib import metadata
 from collections.abc import Mapping
+from importlib import metadata
 from os import PathLike
 from typing import Any
 

@@ -52,18 +52,41 @@ class CameraFile:
     projection_uncertainty: dict[str, Any] = field(default_factory=dict[str, Any])
 
 
-def save_camera(path: str | PathLike[str], result: CalibrationResult, name: str, source: str = "") -> None:
-    """Write a calibrated camera's file whole or not at all."""
-    atomic_write(path, camera_yaml(result, name, source).encode())
+def save_camera(
+    path: str | PathLike[str], camera: CalibrationResult | FisheyeCamera, name: str | None = None, source: str = ""
+) -> None:
+    """Write a calibration's camera, or a camera alone, as a camera file, whole or not at all.
+
+    name: the camera's; by default the one that it has, or the file's.
+    """
+    own = name or getattr(camera, "name", None) or Path(path).stem
+    atomic_write(path, camera_yaml(camera, own, source).encode())
 
 
-def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
-    """The camera file of a calibration as text. source: what it was calibrated from."""
-    if result.fit.structure.target_axis:
-        raise CalibrationError(f"{result.model} is no camera and cannot be saved; take ep_odd")
-    camera, stand_in = result.camera, result.stand_in
-    content = camera_info_content(plain_camera_info(stand_in.camera), name)
-    content["entrance_pupil"] = {
+def camera_yaml(camera: CalibrationResult | FisheyeCamera, name: str, source: str = "") -> str:
+    """The camera file as text. source: what the camera was calibrated from. Of a camera alone nothing else is known."""
+    if isinstance(camera, FisheyeCamera):
+        from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
+
+        stand_in, content = single_viewpoint(camera), _full_camera(camera)
+    else:
+        stand_in, content = camera.stand_in, _calibrated(camera, source)
+    content["svp"] = {
+        "distance": float(stand_in.distance),
+        "loss_px": {float(key): round(value, 6) for key, value in stand_in.loss_px.items()},
+    }
+    plain = camera_info_content(plain_camera_info(stand_in.camera), name)
+    return yaml.safe_dump(
+        {**plain, "entrance_pupil": content},
+        sort_keys=False,
+        default_flow_style=None,
+        allow_unicode=True,
+        width=1 << 16,
+    )
+
+
+def _full_camera(camera: FisheyeCamera) -> dict[str, Any]:
+    return {
         "schema": SCHEMA,
         "model": camera.model,
         "lens": camera.lens,
@@ -76,12 +99,16 @@ def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
         "coefficients": _floats(camera.coefficients),
         "theta_max": float(camera.theta_max),
         "parameters": list(camera.parameter_names),
+    }
+
+
+def _calibrated(result: CalibrationResult, source: str) -> dict[str, Any]:
+    if result.fit.structure.target_axis:
+        raise CalibrationError(f"{result.model} is no camera and cannot be saved; take ep_odd")
+    return {
+        **_full_camera(result.camera),
         "covariance": [_floats(row) for row in result.uncertainty.covariance],
         "projection_uncertainty": _projection_uncertainty(result),
-        "svp": {
-            "distance": float(stand_in.distance),
-            "loss_px": {float(key): round(value, 6) for key, value in stand_in.loss_px.items()},
-        },
         "calibration": {
             "rms_px": float(result.rms_px),
             "noise_px": float(result.uncertainty.sigma_px),
@@ -96,7 +123,6 @@ def camera_yaml(result: CalibrationResult, name: str, source: str = "") -> str:
             "software": f"fisheye_ep_calib {__version__}",
         },
     }
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1 << 16)
 
 
 def _projection_uncertainty(result: CalibrationResult) -> dict[str, Any]:

@@ -52,12 +52,22 @@ def test_calibrate_says_all_that_the_contract_names_on_stdout_alone(observation_
         "seconds": dict,
         "yaml": str,
         "comparison": dict,
+        "entrance_pupil": str,
+        "board": dict,
+        "findings": list,
     }
     for key, kind in kinds.items():
         assert type(camera[key]) is kind, key
     assert camera["seconds"].keys() >= {"read", "detect", "initialize", "adjust"}
     assert all(type(value) is float and value >= 0 for value in camera["seconds"].values())
     assert camera["comparison"].keys() == FAMILIES
+    assert camera["entrance_pupil"] == ("supported" if camera["entrance_pupil_supported"] else "not distinguishable")
+    assert camera["board"].keys() >= {"shape", "bent", "height_rms_mm"} and camera["board"]["shape"] in ("flat", "bow")
+    names = {finding["name"]: finding for finding in camera["findings"]}
+    assert names.keys() >= {"coverage", "depth", "near_far", "worst_view", "few_views"}
+    assert all(one.keys() == {"name", "raised", "text"} and type(one["raised"]) is bool for one in names.values())
+    former = {one["name"]: one["concern"] for one in camera["diagnosis"]}
+    assert former["depth at large angles"] == names["depth"]["raised"] and "near/far split" in former
     for one in camera["comparison"].values():
         assert 0 < one["rms_px"] < one["cross_validated_rms_px"] * 1.2
     assert camera["model"] in FAMILIES and camera["converged"] and camera["views"] == 12
@@ -128,6 +138,8 @@ def test_show_prints_the_curves_on_whole_degrees(command, camera_file) -> None:
     assert len(content["E_sigma_m"]) == len(content["r_sigma_px"]) == count
     assert content["E_sigma_m"][0] == 0 and 1e-6 < content["E_sigma_m"][60] < 1e-3
     assert content["model"] == "ep_even" and close_to_truth(content)
+    assert tuple(content["sigma"]) == camera.parameter_names and content["sigma"]["fx"] > 0
+    assert content["E_from"] == "chosen"
     assert content.keys() >= {"fx", "fy", "skew", "cx", "cy", "radial", "coefficients"}
     text = command("show", camera_file).out
     assert "front: 1600×1200 px, model ep_even" in text and "60°" in text
@@ -146,7 +158,11 @@ def test_show_reads_a_plain_camera_info_file(command, tmp_path) -> None:
 
 def test_evaluate_measures_the_camera_on_other_views(command, camera_file, observation_file) -> None:
     content = command("evaluate", camera_file, observation_file, "--json").json
-    assert content.keys() == {"rms_px", "median_px", "p95_px", "views", "points", "failed_views"}
+    names = {"rms_px", "expected_rms_px", "median_px", "p95_px", "views", "points", "failed_views", "verdict"}
+    assert content.keys() == names | {"findings"}
+    assert (
+        0.9 < content["rms_px"] / content["expected_rms_px"] < 1.1 and "holds on this recording" in content["verdict"]
+    )
     assert content["views"] == 12 and content["failed_views"] == []
     assert 0.1 < content["rms_px"] < 0.16 and content["median_px"] < content["rms_px"] < content["p95_px"]
     tested = command("evaluate", camera_file, observation_file, "--split", "test", "--json").json

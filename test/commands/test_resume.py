@@ -13,8 +13,7 @@ import pytest
 from dask_processes import scheduler, workers
 
 from fisheye_ep_calib.collection import workers as looking
-from fisheye_ep_calib.commands import calibrate as calibrate_command
-from fisheye_ep_calib.pipeline import calibrating
+from fisheye_ep_calib.pipeline import calibrating, writing
 from fisheye_ep_calib.storage.observation_file import load_observations
 
 TOPICS = ("--topic", "front=/left/image_raw", "--topic", "rear=/right/image_raw")
@@ -167,19 +166,19 @@ def test_a_crash_leaves_no_half_written_folder(command, words, looked, monkeypat
     if folder_there:
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / "notes.txt").write_text("mine")
-    save_camera = calibrate_command.save_camera
+    save_camera = writing.save_camera
 
     def crash(path, *given):
         if path.name == "rear.yaml":
             raise RuntimeError("a defect")
         save_camera(path, *given)
 
-    monkeypatch.setattr(calibrate_command, "save_camera", crash)
+    monkeypatch.setattr(writing, "save_camera", crash)
     with pytest.raises(RuntimeError):
         command(*words, "--output", "out")
     log = "out/.detections.jsonl" if folder_there else ".out.detections.jsonl"
     assert names(tmp_path) == {log} | ({"out/notes.txt"} if folder_there else set())
-    monkeypatch.setattr(calibrate_command, "save_camera", save_camera)
+    monkeypatch.setattr(writing, "save_camera", save_camera)
     looked.clear()
     assert command(*words, "--output", "out", "--resume").code == 0
     assert not looked and names(tmp_path / "out") >= WHOLE

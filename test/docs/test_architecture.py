@@ -19,7 +19,8 @@ SHARED = {
     "yaml_file",
     "npz_file",
     "version",
-, "moved_modules"}  # modules that belong to no room
+    "moved_modules",
+}  # modules that belong to no room
 
 
 def drawn() -> dict[str, set[str]]:

@@ -50,7 +50,6 @@ def report(observations: Observations, result: CalibrationResult) -> CameraRepor
         HOSTILE,
         observations,
         result,
-        "entrance pupil supported",
         inputs={"source": HOSTILE},
         unused={f"{HOSTILE} unused": "the target was not found"},
         image=image,

@@ -227,9 +227,7 @@ def _correlated_residuals(clustering: float) -> list[Finding]:
     if clustering == 1:
         return []
     wider = float(np.sqrt(clustering))
-    told = (
-        f"the points of a view err together: bands are {wider:.1f} times as wide as independent noise makes them"
-    )
+    told = f"the points of a view err together: bands are {wider:.1f} times as wide as independent noise makes them"
     return [Finding("correlated_residuals", {"widening": wider}, False, told)]
 
 
