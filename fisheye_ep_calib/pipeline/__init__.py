@@ -5,7 +5,7 @@ from fisheye_ep_calib.pipeline.calibrating import CalibratedCameras, calibrate_c
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.pipeline.compared_cameras import ComparedCameras, compare
 from fisheye_ep_calib.pipeline.evaluated_camera import EvaluatedCamera, evaluate
-from fisheye_ep_calib.pipeline.looking import Look, Looking, camera_sources, looking
+from fisheye_ep_calib.pipeline.looking import Look, Looking, camera_sources, find_target, looking
 
 __all__ = [
     "CalibratedCamera",
@@ -21,5 +21,6 @@ __all__ = [
     "camera_sources",
     "compare",
     "evaluate",
+    "find_target",
     "looking",
 ]

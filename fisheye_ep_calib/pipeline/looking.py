@@ -9,17 +9,20 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
 from fisheye_ep_calib.collection.collector import Guide
-from fisheye_ep_calib.collection.progress import OnProgress, unheard
+from fisheye_ep_calib.collection.progress import OnProgress, seldom, unheard
 from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import InputError, Interrupted
 from fisheye_ep_calib.pipeline.camera_source import CameraSource, source_of_run, sources_of_files
 from fisheye_ep_calib.pipeline.found_so_far import Log, keeping_what_was_found
 from fisheye_ep_calib.pipeline.names import Topics, named_topics
+from fisheye_ep_calib.pipeline.options import LOOK_OPTIONS, refuse_unknown_options
 from fisheye_ep_calib.storage.recording import Recording, open_recording
 from fisheye_ep_calib.target import Target, load_target
 
@@ -159,6 +162,28 @@ def camera_sources(
     with looking(source, target, look) as place:
         before_looking(list(place.topics))
         yield place.first_look(), place.look_again
+
+
+def find_target(
+    recording: Source,
+    target: str | PathLike[str] | Target,
+    *,
+    topics: Topics = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    on_progress: OnProgress | None = None,
+    **options: Any,
+) -> dict[str, Observations]:
+    """What each camera of a recording saw of the target, camera name → observations, to evaluate or to calibrate.
+
+    Takes what ``calibrate_recording`` takes, as far as it concerns looking. Raises InputError, and CalibrationError
+    where a camera did not see the target.
+    """
+    refuse_unknown_options(options, LOOK_OPTIONS)
+    told = unheard if on_progress is None else seldom(on_progress)
+    look = Look(topics, workers=workers, scheduler=scheduler, on_progress=told, **options)
+    with looking(recording, target, look) as place:
+        return {camera.name: camera.observations for camera in place.first_look()}
 
 
 def observation_files(source: Source) -> list[Path]:

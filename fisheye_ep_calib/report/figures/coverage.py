@@ -48,7 +48,11 @@ def draw_coverage(axes: PolarAxes, coverage: Coverage) -> None:
 
 
 def coverage_figure(coverage: Coverage, identity: str) -> str:
-    return svg(lambda figure: draw_coverage(cast(PolarAxes, figure.add_subplot(projection="polar")), coverage), identity, (4.6, 3.6))
+    return svg(
+        lambda figure: draw_coverage(cast(PolarAxes, figure.add_subplot(projection="polar")), coverage),
+        identity,
+        (4.6, 3.6),
+    )
 
 
 def draw_distances(axes: Axes, residuals: Residuals) -> None:
