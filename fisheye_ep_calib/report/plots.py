@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 from matplotlib.axes import Axes
 
@@ -93,5 +93,5 @@ def _polar(ax: Axes | None) -> Axes:
     position = ax.get_position()
     ax.remove()
     if place is not None:
-        return cast(Axes, figure.add_subplot(place, projection="polar"))
-    return cast(Axes, figure.add_axes(position.bounds, projection="polar"))
+        return figure.add_subplot(place, projection="polar")
+    return figure.add_axes(position.bounds, projection="polar")

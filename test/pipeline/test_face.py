@@ -150,7 +150,9 @@ def test_a_camera_is_measured_on_observations(result, tmp_path):
     assert evaluate(path, result.observations).to_dict()["expected_rms_px"] == pytest.approx(judged.expected_rms_px)
     judged.report(tmp_path / "judged.html")
     assert judged.verdict.headline in (tmp_path / "judged.html").read_text("utf-8")
-    assert judged.plot.residuals().lines
+    from matplotlib.figure import Figure
+
+    assert judged.plot.residuals(Figure().add_subplot()).lines
 
 
 def test_cameras_are_compared(result, true_camera):

@@ -111,7 +111,7 @@ def test_same_report_gives_the_same_page_and_leaves_matplotlib_alone(report, tex
 
 def test_camera_without_a_pupil(observations, tmp_path):
     result = calibrate(observations, model="kannala", skew=False)
-    report = calibration_report("plain", observations, result, "not supported")
+    report = calibration_report("plain", observations, result)
     assert {model.name for model in report.models} == {"kannala", "ep_even"}
     write_report(tmp_path / "report.html", [report])
     assert "loses less than" in Page((tmp_path / "report.html").read_text()).text
