@@ -76,7 +76,7 @@ def write_cameras(
     with results_folder(output) as folder:
         for result in results:
             name = write_camera(folder, result)
-            files[result.name] = name and output / name
+            files[result.name] = None if name is None else output / name
             yaml = None if name is None else str(output / name)
             records[result.name] = record_of(result, result.to_dict() | {"yaml": yaml})
         write_record(folder / RECORD, records, dict(failed or {}), dict(options or {}))
