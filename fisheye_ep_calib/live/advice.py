@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations
-from fisheye_ep_calib.calibration.assessing.diagnosis import RING_DEGREES, diagnose
+from fisheye_ep_calib.calibration.assessing.diagnosis import RING_DEGREES
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.planning.guidance import next_view
 from fisheye_ep_calib.rotation import placed
@@ -31,7 +31,7 @@ class Advice:
 
 def advise(result: CalibrationResult, observations: Observations) -> Advice:
     """From a calibration and what it was made from."""
-    diagnosis = diagnose(result.fit, result.camera, observations.image_names)
+    diagnosis = result.diagnosis
     covered = (diagnosis.counts > 0)[diagnosis.reachable]
     figures = {
         "coverage": round(float(covered.mean()), 3) if covered.size else 0.0,

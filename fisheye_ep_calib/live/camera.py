@@ -69,5 +69,5 @@ class LiveCamera(Subject[Outcome]):
         if standing.outcome is None or not standing.number:
             views = len(self.views.kept)
             return Answer(True, f"{self.name}: {views} views in {self.views.file}, not calibrated yet")
-        numbers = "{model}, RMS {rms_px:.3f} px, {views_used} views, {points} points".format(**standing.outcome.figures)
+        numbers = "{model}, RMS {rms_px:.3f} px, {views} views, {points} points".format(**standing.outcome.figures)
         return Answer(True, f"{self.name}: {numbers}, in {self.camera_file}")

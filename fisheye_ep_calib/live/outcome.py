@@ -10,6 +10,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
 from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
+from fisheye_ep_calib.calibration.content import calibration_content
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, plain_camera_info
@@ -18,6 +19,20 @@ from fisheye_ep_calib.live.advice import Advice, advise
 from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
 
 PUPIL_ANGLES = (30, 60, 80)  # degrees at which E(θ) and its band are told
+# What is told of a calibration, by the names that every JSON of the package has for it (calibration/content.py).
+TOLD = (
+    "model",
+    "rms_px",
+    "views",
+    "points",
+    "rejected_points",
+    "entrance_pupil_supported",
+    "entrance_pupil",
+    "converged",
+    "noise_px",
+    "svp_loss_px",
+    "findings",
+)
 GOAL_ANGLE = 60  # degrees at which the band is held against the goal
 DISTANCES = (0.15, 10.0)  # metres at which the projection's uncertainty is taken
 
@@ -104,13 +119,11 @@ def _figures(result: CalibrationResult, spread: float) -> dict[str, Any]:
     theta = np.radians(angles)
     shift = result.camera.entrance_pupil(theta)
     sigma = pupil_sigma(result.camera, result.uncertainty.covariance, theta)
+    content = calibration_content(result)
     return {
-        "model": result.model,
-        "rms_px": round(result.rms_px, 4),
-        "views_used": result.views,
-        "points": result.points,
+        **{name: content[name] for name in TOLD},
+        "views_used": result.views,  # what ``views`` was called here before
         "uncertainty_px": round(spread, 4) if np.isfinite(spread) else None,
-        "entrance_pupil_supported": bool(result.entrance_pupil_supported),
         "theta_max_deg": round(float(np.degrees(result.camera.theta_max)), 1),
         "entrance_pupil_mm": {
             str(angle): [round(1e3 * float(value), 4), round(1e3 * float(band), 4)]

@@ -102,6 +102,11 @@ def test_from_images_to_a_calibration_and_on_after_a_restart(tmp_path: Path, ima
         assert rear.level is Level.OK and rear.values["unreadable"] == 1
         assert len([text for text in said if text.startswith("rear: a frame is skipped")]) == 1
         assert front.values["guidance"]["coverage"] > 0.5
+        told = front.values["calibration"]
+        assert told["views"] == len(images) and told["entrance_pupil"] in ("supported", "not distinguishable")
+        assert {finding["name"] for finding in told["findings"]} >= {"coverage", "depth", "few_views"}
+        raised = [finding["text"] for finding in told["findings"] if finding["raised"]]
+        assert raised == front.values["guidance"]["concerns"]
         wait_for(lambda: camera.camera_file.exists())
         np.testing.assert_allclose(load_camera(camera.camera_file).parameters, outcome.camera.parameters)
     finally:
