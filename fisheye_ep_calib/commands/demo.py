@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
+from fisheye_ep_calib.calibration import CalibrationResult, calibrate
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.collection import Collector
-from fisheye_ep_calib.collection.progress import progress_bar
+from fisheye_ep_calib.collection.progress import ProgressBars, progress_bar
 from fisheye_ep_calib.commands.live_demo import play_to_calibrator, why_not_live
-from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.pipeline import find_target
 from fisheye_ep_calib.simulation import (
     Imaging,
     SimulatedCamera,
@@ -28,7 +27,6 @@ from fisheye_ep_calib.simulation import (
 )
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
-from fisheye_ep_calib.storage.recording import open_recording
 
 DESCRIPTION = (
     "Render the paper's target through the camera of its Table 1, twice; calibrate the images offline and, where "
@@ -96,17 +94,14 @@ def _render(bag: Path, cameras: dict[str, FisheyeCamera]) -> None:
 
 def _calibrate_bag(bag: Path, folder: Path) -> dict[str, dict[str, CalibrationResult]]:
     """Each camera's results by model; the entrance-pupil camera is saved as a camera file."""
-    target = paper_target()
-    topics = {f"/{name}/image_raw": name for name in CAMERAS}
     results = {}
-    with open_recording(bag) as recording, Collector(recording, target, workers=usable_cores()) as collector:
-        for topic, run_ in collector.collect(tuple(topics)).items():
-            print(run_.summary())
-            name = topics[topic]
-            observations: Observations = run_.observations(target.object_points, target.disc_radius)
-            save_observations(folder / "observations" / f"{name}.npz", observations)
-            results[name] = {model: calibrate(observations, model) for model in MODELS}
-            save_camera(folder / f"{name}.yaml", results[name]["ep_odd"], name, str(bag))
+    topics = {name: f"/{name}/image_raw" for name in CAMERAS}
+    with ProgressBars() as bars:
+        seen = find_target(bag, paper_target(), topics=topics, on_progress=bars)
+    for name, observations in seen.items():
+        save_observations(folder / "observations" / f"{name}.npz", observations)
+        results[name] = {model: calibrate(observations, model) for model in MODELS}
+        save_camera(folder / f"{name}.yaml", results[name]["ep_odd"], name, str(bag))
     return results
 
 
