@@ -143,7 +143,7 @@ def _calibrate_all(
     folder: Path,
     output: Path,
     texts: list[str],
-) -> tuple[dict[str, dict], list[CalibrationError]]:
+) -> tuple[dict[str, dict[str, Any]], list[CalibrationError]]:
     """Write every camera's results to ``folder``, which becomes ``output``; what ``--json`` says, and what failed.
 
     texts: is given what to tell the user of each camera. Raises CalibrationError where no camera could be calibrated.

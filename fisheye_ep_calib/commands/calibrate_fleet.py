@@ -7,6 +7,7 @@ import json
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -182,8 +183,8 @@ def _say_what_differs(finished: list[Device], arguments: argparse.Namespace) -> 
 
 def _shows(observations: Observations, target: Target) -> bool:
     """Whether the observations are of this target; files hold rounded numbers."""
-    radii = [-1.0 if radius is None else radius for radius in (observations.disc_radius, target.disc_radius)]
-    pairs = [(observations.object_points, target.object_points), radii]
+    first, second = (-1.0 if radius is None else radius for radius in (observations.disc_radius, target.disc_radius))
+    pairs: list[tuple[Any, Any]] = [(observations.object_points, target.object_points), (first, second)]
     return all(np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=0, atol=1e-9) for a, b in pairs)
 
 

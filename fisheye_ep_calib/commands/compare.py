@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from fisheye_ep_calib.commands.reporting import refuse_unusable_report
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.pipeline.compared_cameras import DISTANCES, ComparedCameras, compare
 from fisheye_ep_calib.report.comparison import write_comparison
+from fisheye_ep_calib.report.data import ModelCurve
 from fisheye_ep_calib.report.models import angles, pupil_curve
 from fisheye_ep_calib.report.record import now, versions
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
@@ -76,18 +78,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _curves(files: tuple[CameraFile, CameraFile]):
-    return tuple(
+def _curves(files: tuple[CameraFile, CameraFile]) -> tuple[ModelCurve, ModelCurve]:
+    first, second = (
         pupil_curve(f"{label}: {file.camera.model}", file.camera, file.covariance, angles(file.camera), False)
         for label, file in zip("AB", files, strict=True)
     )
+    return first, second
 
 
 def _inputs(arguments: argparse.Namespace) -> dict[str, str]:
     return {"A": str(arguments.first), "B": str(arguments.second), "written": now(), **versions()}
 
 
-def _text(arguments, found: ComparedCameras, rows: tuple[DistanceSummary, ...]) -> str:
+def _text(arguments: argparse.Namespace, found: ComparedCameras, rows: tuple[DistanceSummary, ...]) -> str:
     lines = [
         f"A {arguments.first}, B {arguments.second}: B minus A over the field up to "
         f"{np.degrees(found.theta.max()):.0f}°",
@@ -117,7 +120,7 @@ def _expected(found: ComparedCameras, value: float) -> str:
     return f"{value:.3f}" if any(found.known) else "–"
 
 
-def _json(arguments, found: ComparedCameras) -> dict:
+def _json(arguments: argparse.Namespace, found: ComparedCameras) -> dict[str, Any]:
     return {
         "first": str(arguments.first),
         "second": str(arguments.second),

@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.collection.progress import progress_bar
-from fisheye_ep_calib.commands.reporting import refuse_existing
+from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.commands.sources import add_resume_argument, add_source_arguments, look_given
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline import CameraSource, Looking, looking
 from fisheye_ep_calib.pipeline.found_so_far import log_of
 from fisheye_ep_calib.pipeline.names import image_stem
+from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.results_folder import results_folder
@@ -80,7 +81,7 @@ def _write(place: Looking, camera: CameraSource, arguments: argparse.Namespace, 
     return f"{name}: {points} points in {views} views: {arguments.output / f'{name}.npz'}"
 
 
-def _write_overlays(place: Looking, name: str, frames, folder: Path) -> None:
+def _write_overlays(place: Looking, name: str, frames: Sequence[FrameResult], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for frame in progress_bar(frames, f"{name}: overlays"):
         if frame.error:

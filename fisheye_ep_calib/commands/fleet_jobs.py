@@ -48,7 +48,7 @@ class _Running:
 
 def run_jobs(jobs: Sequence[DeviceJob], at_once: int, ended: Callable[[DeviceJob, Ended], None]) -> bool:
     """Run the jobs in order, some at once, telling ``ended`` of each. True if interrupted by Ctrl-C."""
-    waiting, running = list(jobs), []
+    waiting, running = list(jobs), list[_Running]()
     try:
         while waiting or running:
             while waiting and len(running) < at_once:

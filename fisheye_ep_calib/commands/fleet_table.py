@@ -58,7 +58,7 @@ def failed_row(device: str, reason: str, camera: str = "") -> Row:
     return {"device": device, "camera": camera, "status": "failed", "odd": "", "reason": reason}
 
 
-def _row(device: str, name: str, content: Mapping, folder: Path) -> Row:
+def _row(device: str, name: str, content: Mapping[str, Any], folder: Path) -> Row:
     row: Row = {
         "device": device,
         "camera": name,
@@ -131,7 +131,8 @@ def robust_z(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
         return values
     away = values - np.median(values)
     spread = 1.4826 * np.median(np.abs(away))
-    return away / np.maximum(np.sqrt(spread**2 + sigma**2), 1e-9 * max(1.0, float(np.abs(values).max())))
+    result: np.ndarray = away / np.maximum(np.sqrt(spread**2 + sigma**2), 1e-9 * max(1.0, float(np.abs(values).max())))
+    return result
 
 
 def threshold(devices: int) -> float:
@@ -159,7 +160,7 @@ def as_text(rows: Sequence[Row]) -> str:
     table = [["device", "camera", *(name.removesuffix("_px") for name in columns), "supported", ""]]
     for row in rows:
         cells = [form.format(row[name]) if name in row else "" for name, form in zip(columns, layout, strict=True)]
-        supported = {True: "yes", False: "no"}.get(row.get("supported"), "")
+        supported = "" if row.get("supported") is None else "yes" if row["supported"] else "no"
         remark = f"ODD: {row['odd']}" if row["odd"] else "" if row["status"] == "done" else row["status"]
         table.append([row["device"], row["camera"], *cells, supported, remark])
     widths = [max(len(line[i]) for line in table) for i in range(len(table[0]))]

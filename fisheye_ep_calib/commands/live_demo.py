@@ -100,7 +100,7 @@ def _parameters(cameras: Sequence[str], target_file: Path, output: Path, model: 
 
 
 @contextlib.contextmanager
-def _running_node(parameters: Path, log: Path) -> Iterator[subprocess.Popen]:
+def _running_node(parameters: Path, log: Path) -> Iterator[subprocess.Popen[bytes]]:
     """The node as a process that is ended on the way out, by Ctrl-C as a user would end it."""
     command = [sys.executable, "-m", "fisheye_ep_calib.ros.calibrator", "--ros-args"]
     command += ["--params-file", str(parameters)]
@@ -118,13 +118,15 @@ def _running_node(parameters: Path, log: Path) -> Iterator[subprocess.Popen]:
             process.wait()
 
 
-def _check(process: subprocess.Popen, log: Path) -> None:
+def _check(process: subprocess.Popen[bytes], log: Path) -> None:
     if process.poll() is not None:
         lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines() or ["it said nothing"]
         raise CalibrationError(f"the node ended by itself: {lines[-1]}; see {log}")
 
 
-def _wait(condition: Callable[[], bool], seconds: float, what: str, process: subprocess.Popen, log: Path) -> None:
+def _wait(
+    condition: Callable[[], bool], seconds: float, what: str, process: subprocess.Popen[bytes], log: Path
+) -> None:
     give_up = time.monotonic() + seconds
     while not condition():
         _check(process, log)
@@ -169,7 +171,7 @@ class _Player:
     def __enter__(self) -> _Player:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self._context.try_shutdown()
         self._thread.join(5)
         self._executor.shutdown()

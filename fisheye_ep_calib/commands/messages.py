@@ -33,7 +33,7 @@ def show_messages() -> None:
 def with_options(message: str, arguments: argparse.Namespace | None) -> str:
     """A message in which parameters, which it names in backticks, are the options that set them."""
 
-    def option(found: re.Match) -> str:
+    def option(found: re.Match[str]) -> str:
         name = found[1]
         if name == "every" and getattr(arguments, "all", False):
             return "--all"

@@ -14,9 +14,9 @@ import yaml
 
 from fisheye_ep_calib.camera.camera_info import camera_info_content
 from fisheye_ep_calib.collection.progress import progress_bar
-from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline.names import image_stem, numbered_alike
+from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.rectification import (
     INTERPOLATIONS,
     PROJECTIONS,
@@ -119,7 +119,9 @@ def _frames(recording: Recording, arguments: argparse.Namespace) -> list[Frame]:
     return [recording.frame(topic, index) for index in range(0, recording.count(topic), arguments.every)]
 
 
-def _rectify(frames: Sequence[Frame], paths: Sequence[Path], rectifier: Rectifier, arguments) -> int:
+def _rectify(
+    frames: Sequence[Frame], paths: Sequence[Path], rectifier: Rectifier, arguments: argparse.Namespace
+) -> int:
     """How many images were written; damaged ones are told and passed over."""
     written, first_error = 0, ""
     progress = progress_bar(zip(frames, paths, strict=True), "rectifying", total=len(frames))
@@ -142,7 +144,7 @@ def _rectify(frames: Sequence[Frame], paths: Sequence[Path], rectifier: Rectifie
     return written
 
 
-def _description(rectifier: Rectifier, file: CameraFile, arguments) -> str:
+def _description(rectifier: Rectifier, file: CameraFile, arguments: argparse.Namespace) -> str:
     """What camera_info_manager reads, and the block ``view`` for what no CameraInfo can say."""
     view = rectifier.view
     content = camera_info_content(rectified_camera_info(view), f"{file.name}_rectified")

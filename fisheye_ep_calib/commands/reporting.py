@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
 from fisheye_ep_calib.pipeline import CalibratedCamera, CameraSource, EvaluatedCamera
@@ -45,13 +46,13 @@ class CalibrationReports:
     def __init__(self, folder: Path, cameras: Sequence[CameraSource], arguments: argparse.Namespace) -> None:
         self._folder, self._cameras, self._arguments = folder, cameras, arguments
         self._pages: list[CameraReport] = []
-        self._records: dict[str, dict] = {}
+        self._records: dict[str, dict[str, Any]] = {}
         self._failed: dict[str, str] = {}
 
     def __enter__(self) -> CalibrationReports:
         return self
 
-    def add(self, result: CalibratedCamera, content: dict) -> None:
+    def add(self, result: CalibratedCamera, content: dict[str, Any]) -> None:
         """content: what ``--json`` says of the camera. Its images are read now, while they are open."""
         self._records[result.name] = record_of(result, content)
         if not self._arguments.no_report:
@@ -60,7 +61,7 @@ class CalibrationReports:
     def add_failure(self, name: str, reason: str) -> None:
         self._failed[name] = reason
 
-    def __exit__(self, kind, error, _) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, _: object) -> None:
         unfinished = error is not None and (isinstance(error, Interrupted) or not isinstance(error, CalibrationError))
         if not self._records or unfinished:
             return
@@ -78,7 +79,7 @@ def write_evaluation_report(judged: EvaluatedCamera, arguments: argparse.Namespa
     print(f"wrote {arguments.report}", file=sys.stderr if arguments.json else sys.stdout)
 
 
-def _options(arguments: argparse.Namespace) -> dict:
+def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     """The command's options as they were understood."""
     given = {name: value for name, value in sorted(vars(arguments).items()) if name not in ("run", "command")}
     return {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}

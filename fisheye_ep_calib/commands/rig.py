@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from fisheye_ep_calib.collection.progress import ProgressBars
-from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.commands.sources import add_resume_argument, add_worker_arguments, topics_given
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline import Look
 from fisheye_ep_calib.pipeline.found_so_far import Log
 from fisheye_ep_calib.pipeline.names import safe_name
 from fisheye_ep_calib.pipeline.rig_looking import RigSource, rig_sources
+from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.rig import USUAL_TOLERANCE, RigCalibration, RigCamera, calibrate_rig
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file

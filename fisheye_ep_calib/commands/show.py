@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from fisheye_ep_calib.storage.camera_content import camera_content
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
@@ -24,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _text(file: CameraFile, content: dict) -> str:
+def _text(file: CameraFile, content: dict[str, Any]) -> str:
     camera = file.camera
     width, height = camera.image_size
     lines = [f"{file.name}: {width}×{height} px, model {camera.model}, lens {camera.lens}"]
@@ -51,7 +52,7 @@ def _text(file: CameraFile, content: dict) -> str:
     return "\n".join(lines)
 
 
-def _uncertainty_lines(table: dict) -> list[str]:
+def _uncertainty_lines(table: dict[str, Any]) -> list[str]:
     """Projection uncertainty, px, as a table of angle by distance."""
     if not table:
         return []

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from fisheye_ep_calib.collection.progress import progress_bar
-from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.simulation import (
     Imaging,
     SceneCamera,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fisheye_ep_calib.commands.reporting import refuse_existing
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.report.printing import write_target
 from fisheye_ep_calib.target import Target, load_target, shipped_files
 from fisheye_ep_calib.target.registry import TARGETS, same_kind
