@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,19 +12,31 @@ from fisheye_ep_calib.calibration.assessing.uncertainty import independent_covar
 from fisheye_ep_calib.calibration.estimating.adjustment import adjust
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
+from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.result import CalibrationResult
 from fisheye_ep_calib.calibration.selecting.independent_views import without_copies, without_resting_views
 from fisheye_ep_calib.calibration.selecting.model_selection import Search, choose
-from fisheye_ep_calib.calibration.selecting.outliers import RejectedPoint, Screening, huber_fit, screen
+from fisheye_ep_calib.calibration.selecting.outliers import (
+    RejectedPoint,
+    Screening,
+    huber_fit,
+    richest_structure,
+    screen,
+    screen_with_shape,
+)
+from fisheye_ep_calib.calibration.selecting.shape_choice import shape_predicts
 from fisheye_ep_calib.calibration.structure import LENS, Structure
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.target.shape.model import BOW, FLAT, FREE
 
 AUTO = "auto"
 PRINTED_FORM = "ep_odd_target_axis"
 DISC_CENTERS = ("unbiased", "naive")
 LOSSES = ("cut", "huber")
+BOARD_SHAPES = (FLAT, BOW, FREE, AUTO)
+_JUDGES = ("ep_even", "ep_odd")  # between them they come near to every pupil
 _NO_CAMERA = 0.02  # median error over the longer side of the image
 _LOOSE = 0.2  # σ of a focal length over its value, at which it counts as unknown
 _SURE = 0.05  # and below which the linear σ is to be believed
@@ -44,6 +56,7 @@ class Options:
     lens: str | None = None
     skew: bool | None = None
     board_warp: bool | None = None
+    board_shape: str | None = None
     disc_centers: str = "unbiased"
     loss: str = "cut"
     svp_distance: float = np.inf
@@ -56,7 +69,12 @@ class Options:
         return Options(**given, extras=extras)
 
     def __post_init__(self) -> None:
-        for name, value, known in (("disc_centers", self.disc_centers, DISC_CENTERS), ("loss", self.loss, LOSSES)):
+        known_values = (
+            ("disc_centers", self.disc_centers, DISC_CENTERS),
+            ("loss", self.loss, LOSSES),
+            ("board_shape", self.board_shape or FLAT, BOARD_SHAPES),
+        )
+        for name, value, known in known_values:
             if value not in known:
                 raise InputError(f"unknown {name} {value!r}; known: {', '.join(known)}")
         if not self.svp_distance > 0:
@@ -72,11 +90,13 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     """
     settings = Options.of(**options)
     base = base_structure(settings, model)
-    screened = _screened_fit(observations, settings, base)
+    families = _JUDGES if model == AUTO else (base.model,)
+    screened = _screened_fit(observations, settings, base, _wanted_shape(settings, model), families)
     began = time.perf_counter()
     choice, fit = None, screened.fit
     if model == AUTO:
-        choice = choose(screened.start, base, _open_questions(settings, fit.sightings.features.board.planar))
+        choice = choose(screened.start, screened.fit.structure, _open_questions(settings))
+        choice = replace(choice, reasons=(*screened.reasons, *choice.reasons))
         fit = choice.chosen.fit
     seconds = screened.seconds | {"compare": time.perf_counter() - began}
     _refuse_unexplained(fit)
@@ -123,7 +143,10 @@ def rough_camera(observations: Observations, model: str = AUTO, **options) -> Ro
 
 @dataclass(frozen=True)
 class _ScreenedFit:
-    """fit: the base structure, without wrong sightings, from ``start``. The rest as in ``CalibrationResult``."""
+    """fit: the base structure, without wrong sightings, from ``start``; with the target's shape where that is free.
+
+    reasons: for or against that shape. The rest as in ``CalibrationResult``.
+    """
 
     start: Fit
     fit: Fit
@@ -131,10 +154,16 @@ class _ScreenedFit:
     wrong_views: tuple[int, ...]
     seconds: dict[str, float]
     same_place: dict[int, tuple[int, ...]]
+    reasons: tuple[str, ...] = ()
 
 
-def _screened_fit(observations: Observations, settings: Options, base: Structure) -> _ScreenedFit:
-    """Fit the base structure from nothing, each place once, mend wrong poses and leave out wrong sightings."""
+def _screened_fit(
+    observations: Observations, settings: Options, base: Structure, shape: str = FLAT, families: Sequence[str] = ()
+) -> _ScreenedFit:
+    """Fit the base structure from nothing, each place once, mend wrong poses and leave out wrong sightings.
+
+    shape: of BOARD_SHAPES. families: pupils with which a free shape is judged.
+    """
     started = time.perf_counter()
     start, same_place = _first_fit_of_places(observations, settings, base)
     initialized = time.perf_counter()
@@ -143,15 +172,19 @@ def _screened_fit(observations: Observations, settings: Options, base: Structure
     if mended is not fit:
         start, fit = refine(mended, start.structure), mended
     adjusted = time.perf_counter()
-    screening = Screening(huber_fit(start, fit), (), ()) if settings.loss == "huber" else screen(start, fit)
-    if screening.start is not start:
-        fit = refine(screening.start, base)
+    reasons: tuple[str, ...] = ()
+    if shape in (FREE, AUTO) and fit.sightings.features.board.planar:
+        screening, fit, reasons = _with_shape(start, fit, settings, shape, families)
+    else:
+        screening = Screening(huber_fit(start, fit), (), ()) if settings.loss == "huber" else screen(start, fit)
+        if screening.start is not start:
+            fit = refine(screening.start, base)
     seconds = {
         "initialize": initialized - started,
         "adjust": adjusted - initialized,
         "screen": time.perf_counter() - adjusted,
     }
-    return _ScreenedFit(screening.start, fit, screening.rejected, screening.wrong_views, seconds, same_place)
+    return _ScreenedFit(screening.start, fit, screening.rejected, screening.wrong_views, seconds, same_place, reasons)
 
 
 def _first_fit_of_places(
@@ -179,6 +212,28 @@ def _together(copies: dict[int, tuple[int, ...]], resting: dict[int, tuple[int, 
     return places | {first: images for first, images in copies.items() if first not in placed}
 
 
+def _with_shape(
+    start: Fit, fit: Fit, settings: Options, shape: str, families: Sequence[str]
+) -> tuple[Screening, Fit, tuple[str, ...]]:
+    """Estimate the target's shape, leave out wrong sightings, and fit the structure again; reasons for the shape.
+
+    "auto" keeps the shape where folds over views are predicted better with it.
+    """
+    if settings.loss == "huber":
+        rough = huber_fit(start, fit)
+        screening = Screening(
+            with_estimated_shape(rough, richest_structure(fit.structure, fit.sightings, FLAT)), (), ()
+        )
+    else:
+        screening = screen_with_shape(fit, families)
+    shaped = screening.start
+    reasons: tuple[str, ...] = ()
+    if shape == AUTO:
+        kept, reasons = shape_predicts(shaped)
+        shape = FREE if kept else FLAT
+    return screening, refine(shaped, replace(fit.structure, board_shape=shape)), reasons
+
+
 def base_structure(settings: Options, model: str) -> Structure:
     """What the user has fixed. Raises InputError where there is no such model, lens or number of terms."""
     extras = tuple(name for name in LENS_EXTRAS if settings.extras.get(name))
@@ -188,22 +243,30 @@ def base_structure(settings: Options, model: str) -> Structure:
         settings.lens or LENS,
         settings.skew is not False,
         extras,
-        bool(settings.board_warp),
+        BOW if _wanted_shape(settings, model) == BOW else FLAT,
         target_axis=model == PRINTED_FORM,
     )
 
 
-def _open_questions(settings: Options, planar: bool) -> Search:
+def _wanted_shape(settings: Options, model: str) -> str:
+    """The board's shape that the user asked for; a named model takes the board as it is, "auto" looks."""
+    if settings.board_shape is not None:
+        return settings.board_shape
+    if settings.board_warp is not None:
+        return BOW if settings.board_warp else FLAT
+    return AUTO if model == AUTO else FLAT
+
+
+def _open_questions(settings: Options) -> Search:
     return Search(
         skew=settings.skew is None,
         lens=settings.lens is None,
         extras=("tangential",) if settings.extras.get("tangential") is None else (),
-        board_warp=settings.board_warp is None and planar,
     )
 
 
 def _refuse_warp_of_solid(sightings: Sightings, base: Structure) -> None:
-    if base.board_warp and not sightings.features.board.planar:
+    if base.board_shape == BOW and not sightings.features.board.planar:
         raise CalibrationError("a board warp needs a flat target; this one has depth: leave `board_warp` away")
 
 

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.assessing.board import board_shape
 from fisheye_ep_calib.calibration.assessing.diagnosis import Diagnosis, diagnose
 from fisheye_ep_calib.calibration.assessing.family_spread import with_family_spread
 from fisheye_ep_calib.calibration.assessing.stand_in import StandIn, single_viewpoint
@@ -30,6 +31,8 @@ from fisheye_ep_calib.calibration.selecting.model_selection import (
 )
 from fisheye_ep_calib.calibration.selecting.outliers import RejectedPoint
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.target.shape.measured import BoardShape
+from fisheye_ep_calib.target.shape.model import BOW
 
 
 @dataclass(frozen=True)
@@ -131,8 +134,15 @@ class CalibrationResult:
 
     @property
     def board_warp(self) -> np.ndarray:
-        """The target's bow (w_x, w_y, w_xy), metres; zero where it was not estimated."""
-        return self.fit.state.board_warp
+        """The target's bow (w_x, w_y, w_xy), metres, or the one nearest to its shape; zero where none was estimated."""
+        if self.fit.structure.board_shape == BOW:
+            return self.fit.state.shape.smooth
+        return self.board.bow
+
+    @cached_property
+    def board(self) -> BoardShape:
+        """The target's shape as it was found, and whether it is bent."""
+        return board_shape(self.fit)
 
     @property
     def rms_px(self) -> float:

@@ -10,6 +10,7 @@ from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES, Fisheye
 from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
+from fisheye_ep_calib.target.shape.model import BOW, FLAT
 
 LENS = "kannala_brandt"  # unless another is asked for, or needed
 FREER_LENS = "kannala_brandt_6"
@@ -20,7 +21,8 @@ class Structure:
     """model: key of PUPIL_FAMILIES. terms: of E(θ); None takes the family's own number.
 
     lens: key of LENSES. skew: whether it is estimated or zero. extras: names of LENS_EXTRAS that are estimated.
-    board_warp: whether the target's bow is estimated. target_axis: the paper's equation as printed; no camera.
+    board_shape: what the target may be: "flat", "bow" (three terms) or "free" (target/shape/). target_axis: the
+    paper's equation as printed; no camera.
     """
 
     model: str = "ep_even"
@@ -28,7 +30,7 @@ class Structure:
     lens: str = LENS
     skew: bool = True
     extras: tuple[str, ...] = ()
-    board_warp: bool = False
+    board_shape: str = FLAT
     target_axis: bool = False
 
     def __post_init__(self) -> None:
@@ -60,7 +62,7 @@ class Structure:
         """Shared parameters that are estimated."""
         extras = sum(len(LENS_EXTRAS[name].coefficient_names) for name in self.extras)
         lens = len(LENSES[self.lens].coefficient_names)
-        return 4 + self.skew + lens + extras + self.pupil_terms + len(WARP_NAMES) * self.board_warp
+        return 4 + self.skew + lens + extras + self.pupil_terms + len(WARP_NAMES) * (self.board_shape == BOW)
 
     def camera(self, image_size, focal_lengths: np.ndarray, centre: np.ndarray) -> FisheyeCamera:
         """The camera to start from: no pupil shift, no skew, no extras at work. focal_lengths, centre (2,): px."""

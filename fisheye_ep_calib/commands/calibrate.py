@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fisheye_ep_calib.calibration import Observations
-from fisheye_ep_calib.calibration.calibrate import AUTO, DISC_CENTERS, LOSSES, PRINTED_FORM
+from fisheye_ep_calib.calibration.calibrate import AUTO, BOARD_SHAPES, DISC_CENTERS, LOSSES, PRINTED_FORM
 from fisheye_ep_calib.calibration.structure import LENS
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.commands.messages import with_options
@@ -81,7 +81,13 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
     structure.add_argument("--skew", action=action, help="skew of the pixel axes")
     for name, extra in LENS_EXTRAS.items():
         structure.add_argument(f"--{name.replace('_', '-')}", action=action, help=" ".join(extra.coefficient_names))
-    structure.add_argument("--board-warp", action=action, help="bow of the target")
+    structure.add_argument(
+        "--board-shape",
+        choices=BOARD_SHAPES,
+        help="of the target: flat as its file has it; bow, three terms; free, by as much as the data say; auto, free "
+        "where other views are predicted better with it (default with --model auto, else flat)",
+    )
+    structure.add_argument("--board-warp", action=action, help="the same as --board-shape bow")
     structure.add_argument(
         "--disc-centers",
         default="unbiased",

@@ -12,7 +12,7 @@ from fisheye_ep_calib.calibration.assessing.diagnosis import RING_DEGREES
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.planning.guidance import next_view
 from fisheye_ep_calib.rotation import placed
-from fisheye_ep_calib.target.shape.bow import board_middle
+from fisheye_ep_calib.target.shape.frame import board_middle
 
 REACH = (0.7, 1.0, 1.5)  # distances that are suggested, as multiples of the least, median and largest so far
 

@@ -15,7 +15,7 @@ from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, sector
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.planning.view_information import variance_reduction, view_information
 from fisheye_ep_calib.rotation import placed, rotation_from_vector
-from fisheye_ep_calib.target.shape.bow import board_middle
+from fisheye_ep_calib.target.shape.frame import board_middle
 
 _DIRECTIONS = np.radians([0.0, 30.0, 50.0, 65.0, 78.0, 88.0])
 _AZIMUTHS = 8

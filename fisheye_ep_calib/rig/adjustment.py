@@ -19,7 +19,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import Minimum, minimise
 from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
-from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, predict
+from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, Prediction, predict
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
@@ -27,6 +27,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rotation import moved_poses, placed, turn_jacobian
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
+from fisheye_ep_calib.target.shape.model import ShapeModel, ShapeState
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class RigProblem:
 
     views: tuple[CameraViews, ...]
     features: FeatureModel
+    shape: ShapeModel
     warp_free: bool = False
     loss: Loss = LINEAR
 
@@ -105,7 +107,7 @@ def evaluate_rig(problem: RigProblem, state: RigState) -> NormalEquations:
         for block, moments, found in _predictions(problem, state, camera, jacobian=True):
             used = block.weights > 0
             valid = valid and bool(found.valid[used].all())
-            system = _system(problem, state, camera, moments, found)
+            system = _system(problem, state, camera, block, moments, found)
             system = np.concatenate([system, (found.pixels - block.pixels)[:, None]], axis=1)
             weights = np.where(found.valid, block.weights, 0.0)
             square = (system[0, -1] ** 2 + system[1, -1] ** 2) * weights**2
@@ -133,6 +135,7 @@ def rig_residuals(problem: RigProblem, state: RigState) -> list[np.ndarray]:
 def _predictions(problem: RigProblem, state: RigState, camera: int, jacobian: bool = False):
     """Each block of a camera with its views' moments and what is predicted for it."""
     views, model = problem.views[camera], state.cameras[camera]
+    surface = problem.shape.surface(ShapeState(state.board_warp))
     model = replace(model, theta_max=np.pi)  # sightings beyond the calibration's evidence are still sightings
     for block in views.blocks:
         moments = views.moments[block.views]
@@ -140,7 +143,7 @@ def _predictions(problem: RigProblem, state: RigState, camera: int, jacobian: bo
         found = predict(
             model,
             problem.features,
-            state.board_warp,
+            surface,
             poses,
             block,
             model.theta_limit,
@@ -162,7 +165,9 @@ def _columns(problem: RigProblem, camera: int) -> np.ndarray:
     return np.concatenate([*parts, [end]])
 
 
-def _system(problem: RigProblem, state: RigState, camera: int, moments: np.ndarray, found) -> np.ndarray:
+def _system(
+    problem: RigProblem, state: RigState, camera: int, block: ViewBlock, moments: np.ndarray, found: Prediction
+) -> np.ndarray:
     """∂pixels by everything a camera's views depend on, (2, Q, B, N), without the residual."""
     turn, d_pose = state.camera_from_reference[camera, :3, :3], found.d_pose
     d_turn, d_shift = d_pose[:, :3], d_pose[:, 3:]
@@ -173,7 +178,8 @@ def _system(problem: RigProblem, state: RigState, camera: int, moments: np.ndarr
         parts += [d_turn + turn_jacobian(arm, d_shift), d_shift]
     parts.append(found.d_camera[:, problem.views[camera].free])
     if problem.warp_free:
-        parts.append(found.d_warp)
+        fields = problem.shape.fields[:, : found.d_local.shape[1]][block.points]
+        parts.append(np.einsum("rlbn,bnlk->rkbn", found.d_local, fields, optimize=True))
     return np.concatenate(parts, axis=1)
 
 

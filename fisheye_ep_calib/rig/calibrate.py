@@ -33,7 +33,9 @@ from fisheye_ep_calib.rig.result import RigCalibration, RigPair
 from fisheye_ep_calib.rig.symmetry import no_symmetry, symmetries
 from fisheye_ep_calib.rig.synchronisation import nearest_ns, simultaneous
 from fisheye_ep_calib.rig.uncertainty import of_inverse, pose_covariance
-from fisheye_ep_calib.target.shape.bow import WARP_NAMES, board_frame
+from fisheye_ep_calib.target.shape.bow import WARP_NAMES
+from fisheye_ep_calib.target.shape.frame import board_frame
+from fisheye_ep_calib.target.shape.model import bow_model, flat_model
 
 USUAL_TOLERANCE = 0.01  # seconds
 _WRONG_VIEW = 8.0  # times the spread: a view whose median residual is larger was taken at another time
@@ -197,7 +199,7 @@ def _problem(assembly: Assembly, free: Sequence[np.ndarray], warp_free: bool) ->
         views.append(camera_views(observations, images[order], moments[order], free[camera]))
     first = assembly.observations[0]
     features = FeatureModel(board_frame(first.object_points), first.disc_radius)
-    return RigProblem(tuple(views), features, warp_free)
+    return RigProblem(tuple(views), features, bow_model(flat_model(first.object_points)), warp_free)
 
 
 def _lengths(problem: RigProblem, state: RigState) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.target.shape.bow import board_frame
+from fisheye_ep_calib.target.shape.frame import board_frame
 
 _SAME = 1e-3  # of the distance of nearest neighbours
 

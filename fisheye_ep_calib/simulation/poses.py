@@ -7,7 +7,7 @@ import numpy as np
 from fisheye_ep_calib.rotation import rotation_from_vector
 from fisheye_ep_calib.simulation.patterns import printed_side
 from fisheye_ep_calib.target import Target
-from fisheye_ep_calib.target.shape.bow import board_middle
+from fisheye_ep_calib.target.shape.frame import board_middle
 
 # Rings of directions for a calibration: (angle off the axis in degrees, number of views).
 _PAPER_RINGS = ((0, 2), (32, 6), (58, 8), (78, 9))

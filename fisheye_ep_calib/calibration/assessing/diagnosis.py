@@ -141,7 +141,7 @@ def _depth(theta: np.ndarray, distance: np.ndarray) -> Finding:
 def _pupil_against_depth(fit: Fit) -> Finding:
     """Correlation of E near the rim with the mean t_z of the views; shared parameters and poses together."""
     known = uncertainty(fit)
-    equations, camera = fit.adjustment.equations, fit.state.camera
+    equations, camera = fit.settled, fit.state.camera
     inverse = np.linalg.inv(equations.pose)
     depth_row = -(inverse @ equations.mixed)[:, 5].mean(axis=0)
     own = known.sigma_px**2 * inverse[:, 5, 5].sum() / len(inverse) ** 2

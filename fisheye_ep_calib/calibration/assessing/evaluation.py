@@ -14,6 +14,8 @@ from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
+from fisheye_ep_calib.target.shape.measured import BoardShape
+from fisheye_ep_calib.target.shape.model import ShapeState, bow_model, flat_model
 
 _FAR_OFF = 0.01  # of the image's longer side: a first pose with a larger median error is refitted before it is judged
 _LOST = 0.05  # of the image's longer side: a view whose median error stays above has no pose
@@ -42,8 +44,10 @@ def evaluate_camera(
     observations: Observations,
     board_warp: np.ndarray | None = None,
     disc_centers: str = "unbiased",
+    board: BoardShape | None = None,
 ) -> Evaluation:
-    """Refit every view's pose and measure what is left. board_warp (3,): metres, the target's known bow.
+    """Refit every view's pose and measure what is left. board: the target's known shape; board_warp (3,): metres, its
+    bow.
 
     theta_max is not enforced: sightings beyond the calibration's evidence are measured as well.
     """
@@ -53,7 +57,6 @@ def evaluate_camera(
             f"{observations.image_size[0]}×{observations.image_size[1]}"
         )
     camera = replace(camera, theta_max=np.pi)
-    warp = np.zeros(len(WARP_NAMES)) if board_warp is None else np.asarray(board_warp, dtype=float)
     sightings = sightings_of(observations, disc_centers)
     failed = {
         int(image): why_no_pose(observations, int(image))
@@ -65,9 +68,12 @@ def evaluate_camera(
         sightings.blocks,
         sightings.features,
         np.zeros(len(camera.parameters), dtype=bool),
+        bow_model(sightings.target if board is None else flat_model(observations.object_points, board.local)),
+        shape_free=False,
         theta_limit=camera.theta_limit,
     )
-    state = AdjustmentState(camera, ray_poses(camera, sightings), warp)
+    bow = np.zeros(len(WARP_NAMES)) if board_warp is None else np.asarray(board_warp, dtype=float)
+    state = AdjustmentState(camera, ray_poses(camera, sightings), ShapeState(bow))
     state = _close_ups_refitted(problem, state, sightings)
     lost = _views_where(_median_error(problem, state, sightings) > _LOST * max(observations.image_size), sightings)
     failed |= dict.fromkeys(lost, "no pose explains its points")

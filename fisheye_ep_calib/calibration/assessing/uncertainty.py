@@ -10,15 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.estimating.adjustment import shared_jacobian
 from fisheye_ep_calib.calibration.estimating.fit import Fit
-from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information, solve_scaled, view_clustering
+from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information, solve_scaled
 from fisheye_ep_calib.calibration.estimating.prediction import predict
-from fisheye_ep_calib.calibration.estimating.robust import noise_variance
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.rotation import motion_jacobian, placed, turn_jacobian
-
-_SURE = 3.0  # standard errors beyond which residuals are taken to hang together
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Uncertainty:
 def uncertainty(fit: Fit) -> Uncertainty:
     """Of a converged fit."""
     sigma_px, independent = independent_covariance(fit)
-    clustering = _clustering(fit, sigma_px**2)
+    clustering = fit.clustering
     shared = clustering * independent
     free = np.flatnonzero(fit.problem.free)
     covariance = np.zeros((len(fit.problem.free),) * 2)
@@ -53,22 +51,10 @@ def independent_covariance(fit: Fit) -> tuple[float, np.ndarray]:
 
     Raises numpy.linalg.LinAlgError where the sightings leave some of them open.
     """
-    variance, weight = noise_variance(fit.problem.loss, fit.weighted_square, fit.degrees_of_freedom)
-    information = reduced_information(fit.adjustment.equations) / weight
+    variance, weight = fit.noise_variance
+    information = reduced_information(fit.settled) / weight
     shared = variance * solve_scaled(information, np.eye(len(information)))
     return float(np.sqrt(variance)), 0.5 * (shared + shared.T)
-
-
-def _clustering(fit: Fit, variance: float) -> float:
-    """What multiplies the covariances where residuals of a view are surely not independent, else 1.
-
-    A board that is not quite as its file says, or light that pulls all features one way, moves a view's points
-    together: their number then promises more than they tell.
-    """
-    if fit.problem.loss.kind != "linear" or fit.problem.shared_size == 0:
-        return 1.0
-    ratio, sigma = view_clustering(fit.adjustment.equations, variance)
-    return ratio if ratio > 1 + _SURE * sigma else 1.0
 
 
 def _gauge(fit: Fit) -> np.ndarray:
@@ -77,25 +63,17 @@ def _gauge(fit: Fit) -> np.ndarray:
     Every residual's derivative by a motion p → p + ω × p + t of the camera frame is ∂pixel/∂p [−[p]×, I].
     """
     motion, mixed = np.zeros((6, 6)), np.zeros((6, fit.problem.shared_size))
-    free = np.flatnonzero(fit.problem.free)
+    surface, has_bow = fit.problem.shape.surface(fit.state.shape), fit.problem.bow_size > 0
     for block in fit.problem.blocks:
         poses = fit.state.camera_from_target[block.views]
         found = predict(
-            fit.state.camera,
-            fit.problem.features,
-            fit.state.board_warp,
-            poses,
-            block,
-            fit.problem.theta_limit,
-            jacobian=True,
-            warp_jacobian=fit.problem.warp_free,
+            fit.state.camera, fit.problem.features, surface, poses, block, fit.problem.theta_limit, True, has_bow
         )
         # d_pose turns about the board's middle c; turning about the camera's origin adds c × ∂pixel/∂p.
         columns = found.d_pose * block.weights
         middle = placed(poses, fit.problem.features.board.middle).T[..., None]
         columns[:, :3] += turn_jacobian(middle, columns[:, 3:])
-        shared = [found.d_camera[:, free]] + ([found.d_warp] if fit.problem.warp_free else [])
-        shared_columns = np.concatenate(shared, axis=1) * block.weights
+        shared_columns = shared_jacobian(fit.problem, block, found) * block.weights
         motion += np.einsum("caij,cbij->ab", columns, columns, optimize=True)
         mixed += np.einsum("caij,cbij->ab", columns, shared_columns, optimize=True)
     return -solve_scaled(motion, mixed)

@@ -1,8 +1,8 @@
-"""Levenberg–Marquardt bundle adjustment of camera, board warp and one pose a view."""
+"""Levenberg–Marquardt bundle adjustment of camera, target shape and one pose a view."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,44 +13,56 @@ from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import (
     minimise,
 )
 from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
-from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, predict
+from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, Prediction, predict
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss
+from fisheye_ep_calib.calibration.estimating.shape_products import ShapeProducts
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rotation import moved_poses
-from fisheye_ep_calib.target.shape.bow import WARP_NAMES
+from fisheye_ep_calib.target.shape.model import FREE, ShapeModel, ShapeState
 
 _LARGEST_KEPT = 2**24  # bytes
 
 
 @dataclass(frozen=True)
 class AdjustmentState:
-    """What is estimated. board_warp (3,): metres. camera_from_target (V, 4, 4)."""
+    """What is estimated. camera_from_target (V, 4, 4): metres. shape: of the target."""
 
     camera: FisheyeCamera
     camera_from_target: np.ndarray
-    board_warp: np.ndarray = field(default_factory=lambda: np.zeros(len(WARP_NAMES)))
+    shape: ShapeState
 
 
 @dataclass(frozen=True)
 class AdjustmentProblem:
     """What is seen and what is free.
 
-    free: bool (P,), which of camera.parameters are estimated. theta_limit: rad, the largest
-    incidence angle that a trial camera may give a sighting.
+    free: bool (P,), which of camera.parameters are estimated. shape: what the target may be; shape_free: whether it is
+    estimated or held. theta_limit: rad, the largest incidence angle that a trial camera may give a sighting.
     """
 
     blocks: tuple[ViewBlock, ...]
     features: FeatureModel
     free: np.ndarray
-    warp_free: bool = False
+    shape: ShapeModel
+    shape_free: bool = True
     theta_limit: float = np.pi
     loss: Loss = LINEAR
 
     @property
+    def bow_size(self) -> int:
+        """Coefficients of the shape that stand among the camera's: those without a penalty."""
+        return self.shape.smooth_size if self.shape_free and self.shape.kind != FREE else 0
+
+    @property
+    def shape_size(self) -> int:
+        """Unknowns of the shape that have equations of their own."""
+        return self.shape.size if self.shape_free and self.shape.kind == FREE else 0
+
+    @property
     def shared_size(self) -> int:
-        return int(self.free.sum()) + len(WARP_NAMES) * self.warp_free
+        return int(self.free.sum()) + self.bow_size
 
     @property
     def view_count(self) -> int:
@@ -67,23 +79,31 @@ class Adjustment:
     converged: bool
 
 
-def evaluate(problem: AdjustmentProblem, state: AdjustmentState) -> NormalEquations:
-    """The normal equations at a state."""
-    views, size = problem.view_count, problem.shared_size
-    columns = 6 + size + 1
-    hessian = np.zeros((views, columns, columns))
-    free = np.flatnonzero(problem.free)
+def evaluate(
+    problem: AdjustmentProblem, state: AdjustmentState, penalised: bool = True, follow: np.ndarray | None = None
+) -> NormalEquations:
+    """The normal equations at a state.
+
+    penalised: with the penalty of a free shape. follow (K, S): how a shape that is held follows the shared parameters.
+    """
+    columns, has_discs = 6 + problem.shared_size + 1, problem.features.disc_radius is not None
+    hessian = np.zeros((problem.view_count, columns, columns))
+    collected = (
+        ShapeProducts(problem.shape, problem.view_count, problem.shared_size, has_discs) if problem.shape_size else None
+    )
+    surface = problem.shape.surface(state.shape)
+    following = None if follow is None else problem.shape.local_change(follow)
     cost, valid = 0.0, True
     for block in problem.blocks:
         found = predict(
             state.camera,
             problem.features,
-            state.board_warp,
+            surface,
             state.camera_from_target[block.views],
             block,
             problem.theta_limit,
             jacobian=True,
-            warp_jacobian=problem.warp_free,
+            local_jacobian=bool(problem.bow_size or problem.shape_size or follow is not None),
         )
         used = block.weights > 0
         valid = valid and bool(found.valid[used].all())
@@ -92,10 +112,29 @@ def evaluate(problem: AdjustmentProblem, state: AdjustmentState) -> NormalEquati
         loss, factor = problem.loss.evaluate((error[0] ** 2 + error[1] ** 2) * weights**2)
         cost += 0.5 * float(loss[used].sum())
         weights *= factor
-        d_camera = found.d_camera if len(free) == found.d_camera.shape[1] else found.d_camera[:, free]
-        parts = [found.d_pose, d_camera, *([found.d_warp] if problem.warp_free else []), error[:, None]]
+        shared = shared_jacobian(problem, block, found)
+        if following is not None:
+            change = following[:, : found.d_local.shape[1]][block.points]
+            shared = shared + np.einsum("rlbn,bnlk->rkbn", found.d_local, change, optimize=True)
+        parts = [found.d_pose, shared, error[:, None]]
         hessian[block.views] = _products(parts, weights, columns)
-    return NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)))
+        if collected:
+            collected.add(block, parts, found.d_local, weights)
+    shape = collected.equations() if collected else None
+    if shape and penalised:
+        values, penalty = state.shape.vector, problem.shape.all_penalties
+        shape = shape.penalised(penalty, values)
+        cost += 0.5 * float(penalty @ values**2)
+    return NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)), shape)
+
+
+def shared_jacobian(problem: AdjustmentProblem, block: ViewBlock, found: Prediction) -> np.ndarray:
+    """∂pixels/∂(free camera parameters, bow), (2, S, B, N)."""
+    columns = found.d_camera if problem.free.all() else found.d_camera[:, problem.free]
+    if not problem.bow_size:
+        return columns
+    fields = problem.shape.fields[:, : found.d_local.shape[1]][block.points]
+    return np.concatenate([columns, np.einsum("rlbn,bnlk->rkbn", found.d_local, fields, optimize=True)], axis=1)
 
 
 def _products(parts: list[np.ndarray], weights: np.ndarray, columns: int) -> np.ndarray:
@@ -119,9 +158,10 @@ def residuals(problem: AdjustmentProblem, state: AdjustmentState, count: int):
     result = np.full((count, 2), np.nan)
     theta = np.full(count, np.nan)
     valid = np.zeros(count, dtype=bool)
+    surface = problem.shape.surface(state.shape)
     for block in problem.blocks:
         poses = state.camera_from_target[block.views]
-        found = predict(state.camera, problem.features, state.board_warp, poses, block, problem.theta_limit)
+        found = predict(state.camera, problem.features, surface, poses, block, problem.theta_limit)
         rows = block.rows[block.real]
         result[rows] = (found.pixels - block.pixels)[:, block.real].T
         theta[rows] = found.theta[block.real]
@@ -136,13 +176,13 @@ def stepped(problem: AdjustmentProblem, state: AdjustmentState, step) -> Adjustm
     parameters[problem.free] += step.shared[:free_count]
     if not (np.isfinite(parameters).all() and np.isfinite(step.pose).all()):
         return None
-    warp = state.board_warp + step.shared[free_count:] if problem.warp_free else state.board_warp
+    shape = state.shape.moved(step.shared[free_count:]) if problem.bow_size or problem.shape_size else state.shape
     try:
         camera = state.camera.with_parameters(parameters)
     except InputError:
         return None
     poses = moved_poses(state.camera_from_target, step.pose, problem.features.board.middle)
-    return AdjustmentState(camera, poses, warp)
+    return AdjustmentState(camera, poses, shape)
 
 
 def adjust(

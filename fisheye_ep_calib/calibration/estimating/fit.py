@@ -20,31 +20,49 @@ from fisheye_ep_calib.calibration.estimating.adjustment import (
 )
 from fisheye_ep_calib.calibration.estimating.initialization import initial_guess
 from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import CONFIDENT, CONVERGED
+from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations, view_clustering
 from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel
-from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss, robust_spread
+from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss, noise_variance, robust_spread
+from fisheye_ep_calib.calibration.estimating.settled import settled_equations
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import LENS, Structure
 from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.target.shape.bow import WARP_NAMES, board_frame
+from fisheye_ep_calib.target.shape.bow import WARP_NAMES
+from fisheye_ep_calib.target.shape.frame import board_frame
+from fisheye_ep_calib.target.shape.model import BOW, FREE, ShapeModel, bow_model, flat_model
 
 MIN_VIEWS = 3
 MIN_POINTS = 4  # sightings a view needs for its pose
 _ON_A_LINE = 1e-6  # variance of a view's points across, over that along; such a view may turn about its line
 _AT_THE_LIMIT = 0.98  # of the largest angle allowed: a fit that comes so near may be held there
 _FAR_OFF = 1e-3  # of the image: a median residual above it lets other first guesses be tried
+_CLOSE = 1e-8  # tolerance of a fit with many unknowns: parameters are within a hundredth of their σ
+_SURE = 3.0  # standard errors beyond which residuals are taken to hang together
 _ROUGH = 1e-2  # tolerance of the stage that only serves as a start
 
 
 @dataclass(frozen=True)
 class Sightings:
-    """Observations made ready for fitting. images (V,): the image numbers of the pose array."""
+    """Observations made ready for fitting. images (V,): the image numbers of the pose array.
+
+    target: as its file has it, or as it was measured before. free: what its shape may be where it is estimated, with
+    the variances of the data; None until they are known.
+    """
 
     observations: Observations
     images: np.ndarray
     blocks: tuple[ViewBlock, ...]
     features: FeatureModel
+    target: ShapeModel
     loss: Loss = LINEAR
+    free: ShapeModel | None = None
+
+    def shape_model(self, kind: str) -> ShapeModel:
+        """What a structure's ``board_shape`` lets the target be."""
+        if kind == FREE and self.free is not None:
+            return self.free
+        return bow_model(self.target) if kind == BOW else self.target
 
     @cached_property
     def point_count(self) -> int:
@@ -81,7 +99,7 @@ class Fit:
     @property
     def rms_px(self) -> float:
         """√ mean(dx² + dy²) of the weighted residuals over the points used."""
-        if self.problem.loss.kind == "linear":
+        if self.problem.loss.kind == "linear" and not self.problem.shape_size:
             return float(np.sqrt(2 * self.adjustment.equations.cost / self.sightings.point_count))
         return float(np.sqrt(self.weighted_square.mean()))
 
@@ -108,15 +126,49 @@ class Fit:
     def degrees_of_freedom(self) -> int:
         return 2 * self.sightings.point_count - 6 * len(self.sightings.images) - self.problem.shared_size
 
+    @cached_property
+    def settled(self) -> NormalEquations:
+        """The normal equations of poses and camera alone; a free shape of the target has settled in them."""
+        return settled_equations(self.problem, self.state, self.adjustment.equations)
+
+    @property
+    def noise_variance(self) -> tuple[float, float]:
+        """σ², px², of one coordinate, and by how much the loss lowers the information (robust.py).
+
+        What a free shape takes out of the residuals its penalty gives back: their sum over the degrees of freedom
+        is Harville's estimate (J. Am. Stat. Assoc. 72, 1977).
+        """
+        if self.problem.loss.kind == "linear":
+            return 2 * self.adjustment.equations.cost / max(self.degrees_of_freedom, 1), 1.0
+        freedom = self.degrees_of_freedom - round(self.problem.shape.freedom) * (self.problem.shape_size > 0)
+        return noise_variance(self.problem.loss, self.weighted_square, freedom)
+
+    @property
+    def sigma_px(self) -> float:
+        """Noise of one coordinate."""
+        return float(np.sqrt(self.noise_variance[0]))
+
+    @cached_property
+    def clustering(self) -> float:
+        """What multiplies the covariances where residuals of a view are surely not independent, else 1.
+
+        A board that is not quite as its file says, or light that pulls all features one way, moves a view's points
+        together: their number then promises more than they tell.
+        """
+        if self.problem.loss.kind != "linear" or self.problem.shared_size == 0:
+            return 1.0
+        ratio, sigma = view_clustering(self.settled, self.noise_variance[0])
+        return ratio if ratio > 1 + _SURE * sigma else 1.0
+
     @property
     def shared_parameters(self) -> tuple[tuple[str, ...], np.ndarray]:
         """Names and values (S,) of the estimated camera parameters and, where estimated, the board warp."""
         camera = self.state.camera
         names = [name for name, free in zip(camera.parameter_names, self.problem.free, strict=True) if free]
         values = camera.parameters[self.problem.free]
-        if not self.problem.warp_free:
+        if not self.problem.bow_size:
             return tuple(names), values
-        return (*names, *WARP_NAMES), np.concatenate([values, self.state.board_warp])
+        return (*names, *WARP_NAMES), np.concatenate([values, self.state.shape.smooth])
 
     @cached_property
     def residuals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -148,7 +200,8 @@ def sightings_of(observations: Observations, disc_centers: str = "unbiased") -> 
     images = _images_with_points(observations)
     radius = observations.disc_radius if disc_centers == "unbiased" else None
     features = FeatureModel(board_frame(observations.object_points), radius)
-    return Sightings(observations, images, view_blocks(observations, images), features)
+    target = flat_model(observations.object_points)
+    return Sightings(observations, images, view_blocks(observations, images), features, target)
 
 
 def prepare(observations: Observations, disc_centers: str = "unbiased") -> Sightings:
@@ -223,10 +276,10 @@ def _first_fit(sightings: Sightings, lens: str, robust: bool, wide: bool = False
     )
     structure = Structure("kannala", lens=lens, skew=False)
     camera = structure.camera(observations.image_size, guess.focal_lengths, guess.centre)
-    state = AdjustmentState(camera, guess.camera_from_target)
+    state = AdjustmentState(camera, guess.camera_from_target, sightings.target.start())
     # Naive centres of discs serve well enough for a start.
     features = replace(sightings.features, disc_radius=None)
-    problem = AdjustmentProblem(sightings.blocks, features, structure.free(camera))
+    problem = AdjustmentProblem(sightings.blocks, features, structure.free(camera), sightings.target)
     if not robust:
         return Fit(structure, sightings, problem, _roughly_adjusted(problem, state))
     for _ in range(3):
@@ -266,6 +319,11 @@ def refine(
             f"{sightings.point_count} points give {2 * sightings.point_count} equations for {unknowns} unknowns: "
             "record more views or views with more of the target's points"
         )
+    if problem.shape_size and start.problem.shape_size:
+        # The camera first, with the shape as it was: its steps cost a third.
+        held = replace(problem, shape_free=False)
+        state = adjust(held, state, tolerance=_ROUGH, first_damping=CONFIDENT).state
+        tolerance = max(tolerance, _CLOSE)
     return adjusted(structure, sightings, problem, state, tolerance)
 
 
@@ -280,17 +338,17 @@ def opened(
     camera = structure.camera_like(state.camera)
     position = np.searchsorted(start.sightings.images, sightings.images)
     poses = state.camera_from_target[position]
-    warp = state.board_warp if structure.board_warp else np.zeros(len(WARP_NAMES))
+    model = sightings.shape_model(structure.board_shape)
     theta = start.residuals[1]
     problem = AdjustmentProblem(
         sightings.blocks,
         replace(sightings.features, target_axis=structure.target_axis),
         structure.free(camera),
-        structure.board_warp,
+        model,
         theta_limit=float(min(np.pi, 1.2 * np.nanmax(theta) + 0.1)),
         loss=loss or sightings.loss,
     )
-    return problem, AdjustmentState(camera, poses, warp)
+    return problem, AdjustmentState(camera, poses, model.state_like(start.problem.shape, state.shape))
 
 
 def adjusted(

@@ -14,7 +14,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.ray_pose import poses_from_rays
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock
-from fisheye_ep_calib.target.shape.bow import BoardFrame
+from fisheye_ep_calib.target.shape.frame import BoardFrame
 
 _THETA_GRID = np.deg2rad(np.geomspace(16.0, 120.0, 14))  # candidate angles of the outermost sighting
 _ASPECTS = (0.5, 0.7, 1.0, 1.4, 2.0)  # fy / fx

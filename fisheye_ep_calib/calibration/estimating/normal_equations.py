@@ -1,20 +1,23 @@
 """The normal equations of the bundle adjustment, view by view, and their solution by Schur complement.
 
-For the pose of view j and the shared parameters s (camera and board warp):
+For the pose of view j and the shared parameters s (camera, and a bow's three):
 
     [ A_j   B_j ] [δ_j]     [g_j]
     [ B_jᵀ  C   ] [δ_s] = − [g_s],     C = Σ_j C_j,  g_s = Σ_j g_sj
 
 Eliminating the poses: (C − Σ B_jᵀ A_j⁻¹ B_j) δ_s = −(g_s − Σ B_jᵀ A_j⁻¹ g_j), then δ_j = −A_j⁻¹ (g_j + B_j δ_s)
-(Triggs et al., "Bundle adjustment: a modern synthesis", section 6).
+(Triggs et al., "Bundle adjustment: a modern synthesis", section 6). A free shape of the target adds columns of its own:
+shape_equations.py.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.shape_equations import ShapeEquations, block_system, solve_scaled
 
 ALMOST_UNDAMPED = 1e-9  # for a step that is not checked by a second one
 _BOUNDLESS = 1e30  # of a step, in radians, metres or pixels
@@ -24,12 +27,16 @@ _BOUNDLESS = 1e30  # of a step, in radians, metres or pixels
 class NormalEquations:
     """by_view (V, 6 + S + 1, 6 + S + 1): JᵀJ of each view for the columns (pose, shared, residual).
 
-    cost: half the sum of the squared (or robust) residuals, px². valid: every prediction exists.
+    cost: half the sum of the squared (or robust) residuals and of the shape's penalty, px². valid: every prediction
+    exists. shape: of a target whose shape is free, penalty included. prior (S, S): information on the shared parameters
+    that no view holds (settled.py).
     """
 
     by_view: np.ndarray
     cost: float
     valid: bool
+    shape: ShapeEquations | None = None
+    prior: np.ndarray | float = 0.0
 
     @property
     def pose(self) -> np.ndarray:
@@ -49,22 +56,40 @@ class NormalEquations:
     @cached_property
     def shared(self) -> np.ndarray:
         """C (S, S)."""
-        return self.by_view[:, 6:-1, 6:-1].sum(axis=0)
+        return self.by_view[:, 6:-1, 6:-1].sum(axis=0) + self.prior
 
     @cached_property
     def shared_gradient(self) -> np.ndarray:
         """g_s (S,)."""
         return self.by_view[:, 6:-1, -1].sum(axis=0)
 
+    def from_flat(self, unknowns: np.ndarray) -> NormalEquations:
+        """The same linearised residuals with the shape's unknowns (K,), as they are at the state, put back to zero.
+
+        r − J x: gradients lose H x, and the cost x·g − ½ x·H x.
+        """
+        shape = self.shape
+        assert shape is not None
+        by_view = self.by_view.copy()
+        by_view[:, :6, -1] -= shape.pose @ unknowns
+        by_view[:, -1, :6] = by_view[:, :6, -1]
+        own = shape.times(unknowns)
+        gradient = shape.gradient - own
+        # What the shared gradient loses is no single view's; it is put to the first.
+        by_view[0, 6:-1, -1] -= shape.camera @ unknowns
+        by_view[0, -1, 6:-1] = by_view[0, 6:-1, -1]
+        cost = self.cost - float(unknowns @ shape.gradient) + 0.5 * float(unknowns @ own)
+        return NormalEquations(by_view, cost, self.valid, replace(shape, gradient=gradient))
+
     def of_views(self, views: np.ndarray) -> NormalEquations:
         """The equations of some of the views alone, at the same state; under a robust loss the cost is Σ ρ′ s / 2."""
         part = self.by_view[views]
-        return NormalEquations(part, 0.5 * float(part[:, -1, -1].sum()), self.valid)
+        return NormalEquations(part, 0.5 * float(part[:, -1, -1].sum()), self.valid, prior=self.prior)
 
 
 @dataclass(frozen=True)
 class Step:
-    """pose (V, 6), shared (S,); predicted_decrease of the cost, px²."""
+    """pose (V, 6), shared (S + K,): camera, then shape; predicted_decrease of the cost, px²."""
 
     pose: np.ndarray
     shared: np.ndarray
@@ -92,29 +117,47 @@ def solve_damped(equations: NormalEquations, damping: float) -> Step:
     shared = equations.shared.copy()
     size = shared.shape[0]
     shared[np.arange(size), np.arange(size)] *= 1 + damping
+    if equations.shape is not None:
+        return _solve_damped_with_shape(equations, equations.shape, pose, shared, damping)
     reduced, gradient, solved = _reduce(
         pose, equations.mixed, shared, equations.pose_gradient, equations.shared_gradient
     )
     shared_step = -solve_scaled(reduced, gradient)
     pose_step = -(solved[..., size] + solved[..., :size] @ shared_step)
-    if not max(np.abs(pose_step).max(initial=0.0), np.abs(shared_step).max(initial=0.0)) < _BOUNDLESS:
+    return _step(equations, pose_step, shared_step, equations.shared_gradient, np.diag(equations.shared), damping)
+
+
+def _step(equations: NormalEquations, pose, shared, gradient, diagonal, damping: float) -> Step:
+    """The step and what it promises; gradient, diagonal: of the shared unknowns, undamped."""
+    if not max(np.abs(pose).max(initial=0.0), np.abs(shared).max(initial=0.0)) < _BOUNDLESS:
         raise np.linalg.LinAlgError
-    linear = shared_step @ equations.shared_gradient + (pose_step * equations.pose_gradient).sum()
-    damped = (
-        (pose_step**2 * equations.pose[:, diagonal, diagonal]).sum()
-        + (shared_step**2 * np.diag(equations.shared)).sum()
-    ) * damping
-    return Step(pose_step, shared_step, float(0.5 * (damped - linear)))
+    linear = shared @ gradient + (pose * equations.pose_gradient).sum()
+    own = np.einsum("vii->vi", equations.pose)
+    damped = ((pose**2 * own).sum() + (shared**2 * diagonal).sum()) * damping
+    return Step(pose, shared, float(0.5 * (damped - linear)))
 
 
-def solve_scaled(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve a symmetric positive definite system (S, S) after scaling its diagonal to one."""
-    if matrix.shape[0] == 0:
-        return np.zeros_like(right)
-    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix * scale[:, None] * scale
-    weight = scale if right.ndim == 1 else scale[:, None]
-    return weight * np.linalg.solve(scaled, weight * right)
+def _solve_damped_with_shape(
+    equations: NormalEquations, shape: ShapeEquations, pose: np.ndarray, camera: np.ndarray, damping: float
+) -> Step:
+    """The step of poses, camera and shape; pose (V, 6, 6) and camera (S, S) are damped already."""
+    system = block_system(pose, equations.mixed, camera, shape.damped(damping))
+    smooth = shape.smooth_size
+    gradient = {
+        "pose": equations.pose_gradient.reshape(-1, 1),
+        "camera": equations.shared_gradient[:, None],
+        "smooth": shape.gradient[:smooth, None],
+        "rough": shape.gradient[smooth:, None],
+    }
+    found = system.solve(gradient)
+    return _step(
+        equations,
+        -found["pose"].reshape(-1, 6),
+        -np.concatenate([found[name][:, 0] for name in ("camera", "smooth", "rough")]),
+        np.concatenate([equations.shared_gradient, shape.gradient]),
+        np.concatenate([np.diag(equations.shared), shape.diagonal]),
+        damping,
+    )
 
 
 def reduced_information(equations: NormalEquations) -> np.ndarray:
@@ -137,10 +180,9 @@ def view_clustering(equations: NormalEquations, variance: float) -> tuple[float,
     the mean σ² (S − tr B) and the variance 2 σ⁴ (tr B − 2 Σ tr A_j³ + tr B²). Returned: q over its mean, 1 then.
     """
     scores = _scores(equations)
-    settled = np.linalg.solve(equations.pose, equations.mixed)
-    each = equations.by_view[:, 6:-1, 6:-1] - np.swapaxes(equations.mixed, 1, 2) @ settled
+    each = _information_of_views(equations)
     size = each.shape[1]
-    information = each.sum(axis=0)
+    information = each.sum(axis=0) + equations.prior
     shares = solve_scaled(information, each.transpose(1, 0, 2).reshape(size, -1)).reshape(size, -1, size).swapaxes(0, 1)
     squares = shares @ shares
     total = squares.sum(axis=0)
@@ -167,3 +209,27 @@ def view_robust_covariance(equations: NormalEquations) -> np.ndarray:
     information = reduced_information(equations)
     half = solve_scaled(information, scores.T)
     return half @ half.T * (views / max(views - 1, 1))
+
+
+def unbiased_view_robust_covariance(equations: NormalEquations) -> np.ndarray:
+    """``view_robust_covariance`` that does not take a view's own pull for agreement.
+
+    A view that alone holds a parameter has hardly any residual left, and so a score near zero. With I_j what view j
+    tells, scores (1 − I_j I⁻¹)^−½ s_j have the scatter that they should where residuals are independent after all (Bell
+    and McCaffrey, Survey Methodology 28, 2002): Σ_j t_j t_jᵀ of t_j = (1 − A_j)^−½ I^−½ s_j, A_j = I^−½ I_j I^−½.
+    """
+    scores, each = _scores(equations), _information_of_views(equations)
+    information = each.sum(axis=0) + equations.prior
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
+    root = (vectors / np.sqrt(np.maximum(values, 1e-300))) @ vectors.T * scale
+    shares, axes = np.linalg.eigh(root @ each @ root.T)
+    along = np.einsum("vij,vi->vj", axes, scores @ root.T) / np.sqrt(np.clip(1 - shares, 1e-9, 1.0))
+    half = root.T @ np.einsum("vij,vj->iv", axes, along)
+    return half @ half.T
+
+
+def _information_of_views(equations: NormalEquations) -> np.ndarray:
+    """I_j (V, S, S): what each view tells of the shared parameters once its pose is free."""
+    settled = np.linalg.solve(equations.pose, equations.mixed)
+    return equations.by_view[:, 6:-1, 6:-1] - np.swapaxes(equations.mixed, 1, 2) @ settled

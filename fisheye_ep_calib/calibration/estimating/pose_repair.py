@@ -15,7 +15,7 @@ from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, adjusted
 from fisheye_ep_calib.calibration.estimating.ray_pose import poses_from_rays
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.rotation import placed
-from fisheye_ep_calib.target.shape.bow import BoardFrame
+from fisheye_ep_calib.target.shape.frame import BoardFrame
 
 _SUSPICIOUS = 1.5  # times the median view's RMS
 _POOR = 1.0  # px RMS, at which a view is looked at anyway
@@ -78,7 +78,7 @@ def _better_poses(fit: Fit) -> np.ndarray | None:
         return None
     part = of_images(fit.sightings, fit.sightings.images[looked_at])
     camera = replace(fit.state.camera, theta_max=fit.problem.theta_limit)
-    problem = replace(fit.problem, blocks=part.blocks, free=np.zeros_like(fit.problem.free), warp_free=False)
+    problem = replace(fit.problem, blocks=part.blocks, free=np.zeros_like(fit.problem.free), shape_free=False)
     starts = [ray_poses(camera, part)]
     if fit.sightings.features.board.planar:
         starts.append(mirrored_poses(fit.state.camera_from_target[looked_at], fit.sightings.features.board))

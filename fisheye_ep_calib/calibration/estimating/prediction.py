@@ -1,13 +1,13 @@
-"""What a camera predicts for a block of views, and its Jacobian by pose, camera and board warp.
+"""What a camera predicts for a block of views, and its Jacobian by pose, camera and the target's deformation.
 
-P ← P + (Σ_i warp_i shape_i(P)) e_z      the target's bow, target frame (board_warp.py)
-p = R P + t                              camera frame
-feature = project(p), or the centre of gravity of the projected disc around P
+p = R X + t                              camera frame, X a point of the target as it is (target/shape/model.py)
+feature = project(p), or the centre of gravity of the projected disc around X with the tangents T:
+          its boundary is X + r (T_x cos α + T_y sin α)
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,14 +17,15 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.projection import not_computed, project_coordinates
 from fisheye_ep_calib.rotation import turn_jacobian
 from fisheye_ep_calib.target.discs.centroid import boundary_directions, curve_centroid
-from fisheye_ep_calib.target.shape.bow import BoardFrame
+from fisheye_ep_calib.target.shape.frame import BoardFrame
+from fisheye_ep_calib.target.shape.model import Surface
 
 _BOUNDARY_SAMPLES = 8  # the centroid is then right to 1e-6 px
 
 
 @dataclass(frozen=True)
 class FeatureModel:
-    """What the sightings are. disc_radius: metres, None where they are points. board: frame of warp and discs.
+    """What the sightings are. disc_radius: metres, None where they are points. board: frame of the target's plane.
 
     target_axis: move points along the target's axis, as the paper's equation is printed.
     """
@@ -40,7 +41,8 @@ class Prediction:
 
     d_pose (2, 6, B, N): by (ω, δt) of a pose that turns about the board's middle (rotation.moved_poses): about an
     origin metres away, the least turn would carry the board off. d_camera (2, P, B, N): by camera.parameters.
-    d_warp (2, 3, B, N).
+    d_local (2, L, B, N): by the shift of the sighting's point in the target frame (L = 3); with discs also by the
+    change of its tangents T_x and T_y (L = 9).
     """
 
     pixels: np.ndarray
@@ -48,42 +50,46 @@ class Prediction:
     theta: np.ndarray
     d_pose: np.ndarray = field(default_factory=not_computed)
     d_camera: np.ndarray = field(default_factory=not_computed)
-    d_warp: np.ndarray = field(default_factory=not_computed)
+    d_local: np.ndarray = field(default_factory=not_computed)
 
 
 def predict(
     camera: FisheyeCamera,
     features: FeatureModel,
-    board_warp: np.ndarray,
+    surface: Surface,
     camera_from_target: np.ndarray,
     block: ViewBlock,
     theta_limit: float,
     jacobian: bool = False,
-    warp_jacobian: bool = False,
+    local_jacobian: bool = False,
 ) -> Prediction:
     """Predict every sighting of a block. camera_from_target (B, 4, 4) belongs to the block's views."""
-    points = block.object_points
+    points = np.ascontiguousarray(surface.points.T)[:, block.points]
     if features.disc_radius is None:
-        return _predict_points(
-            camera, features, board_warp, camera_from_target, points, theta_limit, jacobian, warp_jacobian
-        )
-    edge = features.disc_radius * boundary_directions(_BOUNDARY_SAMPLES) @ features.board.axes[:, :2].T
-    boundary = points[:, None] + np.moveaxis(edge, -1, 0)[:, :, None, None]
-    found = _predict_points(
-        camera, features, board_warp, camera_from_target, boundary, theta_limit, jacobian, warp_jacobian
-    )
+        found = _predict_points(camera, features, camera_from_target, points, theta_limit, jacobian)
+        if not local_jacobian:
+            return found
+        return replace(found, d_local=_turned(found.d_pose[:, 3:], camera_from_target))
+    directions = boundary_directions(_BOUNDARY_SAMPLES)
+    tangents = np.moveaxis(surface.tangents, -1, 0)[:, block.points]
+    edge = features.disc_radius * np.einsum("ks,ibns->ikbn", directions, tangents)
+    found = _predict_points(camera, features, camera_from_target, points[:, None] + edge, theta_limit, jacobian)
     pixels, d_samples = curve_centroid(found.pixels[0], found.pixels[1])
     valid, theta = np.all(found.valid, axis=0), found.theta.mean(axis=0)
     if not jacobian:
         return Prediction(pixels, valid, theta)
-    return Prediction(
-        pixels,
-        valid,
-        theta,
-        _contract(d_samples, found.d_pose),
-        _contract(d_samples, found.d_camera),
-        _contract(d_samples, found.d_warp) if warp_jacobian else not_computed(),
-    )
+    d_pose = _contract(d_samples, found.d_pose)
+    d_local = not_computed()
+    if local_jacobian:
+        arms = features.disc_radius * directions.T[:, :, None, None]
+        parts = [d_pose[:, 3:], *(_contract(d_samples * arm, found.d_pose[:, 3:]) for arm in arms)]
+        d_local = np.concatenate([_turned(part, camera_from_target) for part in parts], axis=1)
+    return Prediction(pixels, valid, theta, d_pose, _contract(d_samples, found.d_camera), d_local)
+
+
+def _turned(d_point: np.ndarray, camera_from_target: np.ndarray) -> np.ndarray:
+    """∂pixel/∂(point of the target frame) = ∂pixel/∂p R, from ∂pixel/∂p (2, 3, B, N)."""
+    return np.einsum("rmbn,bml->rlbn", d_point, camera_from_target[:, :3, :3], optimize=True)
 
 
 def _contract(d_samples: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -97,19 +103,12 @@ def _contract(d_samples: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return result
 
 
-def _predict_points(
-    camera, features, board_warp, camera_from_target, points, theta_limit, jacobian, warp_jacobian
-) -> Prediction:
+def _predict_points(camera, features, camera_from_target, points, theta_limit, jacobian) -> Prediction:
     """Points (3, ..., B, N) in the target frame through poses (B, 4, 4)."""
-    shapes = not_computed()
-    if warp_jacobian or np.any(board_warp):
-        shapes = features.board.warp_shapes(points)
-        height = np.tensordot(board_warp, shapes, axes=1)
-        points = points + features.board.axes[:, 2].reshape(3, *[1] * height.ndim) * height
     rotated = _rotated(camera_from_target[:, :3, :3], points)
     x, y, z = rotated + camera_from_target[:, :3, 3].T.reshape(3, *[1] * (points.ndim - 3), -1, 1)
-    normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
     if features.target_axis:
+        normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
         found, moved = project_along_target_axis(camera, x, y, z, normal.T, theta_limit, jacobian)
         rotated = rotated + moved
     else:
@@ -123,11 +122,7 @@ def _predict_points(
     d_pose = np.empty((2, 6, *found.u.shape))
     turn_jacobian(arms, d_point, out=d_pose[:, :3])
     d_pose[:, 3:] = d_point
-    d_warp = not_computed()
-    if warp_jacobian:
-        along = (d_point * normal.T.reshape(3, *[1] * (points.ndim - 3), -1, 1)).sum(axis=1)
-        d_warp = along[:, None] * shapes
-    return Prediction(pixels, found.valid, found.theta, d_pose, found.d_parameters, d_warp)
+    return Prediction(pixels, found.valid, found.theta, d_pose, found.d_parameters)
 
 
 def _rotated(rotation: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ X = (x, y, z, 1) and the 3×4 matrix (R | t).
 import numpy as np
 
 from fisheye_ep_calib.rotation import nearest_rotation
-from fisheye_ep_calib.target.shape.bow import BoardFrame
+from fisheye_ep_calib.target.shape.frame import BoardFrame
 
 _SAMPLES = 32  # a tenth of wrong sightings leaves no clean sample once in 1e10
 _SAMPLE_SIZE = {3: 6, 4: 8}  # sightings a sample, by the number of homogeneous coordinates

@@ -14,12 +14,14 @@ class ViewBlock:
     """B views padded to N sightings each; padding has weight 0 and repeats the view's first sighting.
 
     views (B,): positions in the pose array. rows (B, N): rows of the observations. real (B, N): not padding.
-    object_points (3, B, N): metres, target frame. pixels (2, B, N). weights (B, N).
+    points (B, N): rows of object_points. object_points (3, B, N): metres, target frame, as the file has them.
+    pixels (2, B, N). weights (B, N).
     """
 
     views: np.ndarray
     rows: np.ndarray
     real: np.ndarray
+    points: np.ndarray
     object_points: np.ndarray
     pixels: np.ndarray
     weights: np.ndarray
@@ -47,12 +49,13 @@ def _block(observations: Observations, views: np.ndarray, starts, counts) -> Vie
     slots = np.arange(counts[views].max(initial=0))
     real = slots < counts[views][:, None]
     rows = starts[views][:, None] + np.where(real, slots, 0)
-    points = observations.object_points[observations.point_index[rows]]
+    points = observations.point_index[rows]
     return ViewBlock(
         views,
         rows,
         real,
-        np.ascontiguousarray(np.moveaxis(points, -1, 0)),
+        points,
+        np.ascontiguousarray(np.moveaxis(observations.object_points[points], -1, 0)),
         np.ascontiguousarray(np.moveaxis(observations.pixels[rows], -1, 0)),
         np.where(real, observations.weights[rows], 0.0),
     )

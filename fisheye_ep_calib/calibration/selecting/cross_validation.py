@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.estimating.adjustment import Adjustment, adjust, residuals, stepped
+from fisheye_ep_calib.calibration.estimating.adjustment import Adjustment, adjust, evaluate, residuals, stepped
 from fisheye_ep_calib.calibration.estimating.fit import Fit, of_images, weighted_square
-from fisheye_ep_calib.calibration.estimating.normal_equations import ALMOST_UNDAMPED, solve_damped
+from fisheye_ep_calib.calibration.estimating.normal_equations import ALMOST_UNDAMPED, NormalEquations, solve_damped
 from fisheye_ep_calib.calibration.selecting.independent_views import places
 
 FOLDS = 5
 _FAR_STEP = 0.02  # share of the cost: a larger step than this is followed by further ones
+_FAR_STEP_OF_SHAPE = 0.3  # residuals are linear in a target's shape, which takes most of such a step
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def _fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
     One Gauss–Newton step on their normal equations, which are known at the full fit, is exact to second order in
     what the left-out views contributed; where it is a long one the adjustment goes on from there.
     """
-    equations = fit.adjustment.equations.of_views(~left_out)
+    equations = _equations_without(fit, left_out)
     sightings = of_images(fit.sightings, fit.sightings.images[~left_out])
     poses = fit.state.camera_from_target[~left_out]
     problem = replace(fit.problem, blocks=sightings.blocks)
@@ -90,10 +91,24 @@ def _fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
         step = solve_damped(equations, ALMOST_UNDAMPED)
     except np.linalg.LinAlgError:  # the other views alone leave something open
         return adjust(problem, state, tolerance=1e-6)
+    far = _FAR_STEP_OF_SHAPE if problem.shape_size else _FAR_STEP
     trial = stepped(problem, state, step)
-    if trial is None or step.predicted_decrease > _FAR_STEP * equations.cost:
+    if trial is None or step.predicted_decrease > far * equations.cost:
         return adjust(problem, state, tolerance=1e-6)
     return Adjustment(trial, equations, 1, True)
+
+
+def _equations_without(fit: Fit, left_out: np.ndarray) -> NormalEquations:
+    """The other views' normal equations at the full fit; what all views say of the shape is known as a sum only."""
+    whole = fit.adjustment.equations
+    if whole.shape is None:
+        return whole.of_views(~left_out)
+    part = of_images(fit.sightings, fit.sightings.images[left_out])
+    state = replace(fit.state, camera_from_target=fit.state.camera_from_target[left_out])
+    gone = evaluate(replace(fit.problem, blocks=part.blocks), state, penalised=False)
+    assert gone.shape is not None
+    shape = whole.shape.minus(gone.shape, ~left_out)
+    return NormalEquations(whole.by_view[~left_out], whole.cost - gone.cost, whole.valid, shape)
 
 
 def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple[float, float, int]:
@@ -106,7 +121,7 @@ def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple
         fit.problem,
         blocks=sightings.blocks,
         free=np.zeros_like(fit.problem.free),
-        warp_free=False,
+        shape_free=False,
     )
     state = replace(trained.state, camera_from_target=fit.state.camera_from_target[held_out])
     refitted = adjust(problem, state, tolerance=1e-5, last_step=False)

@@ -109,11 +109,12 @@ class _PointsOfViews:
         self._reach = _NEARBY * max(observations.image_size)
         self._jacobian = np.zeros((len(observations.pixels), 2, 6))
         self.rows: list[np.ndarray] = [np.empty(0, dtype=int)] * len(fit.sightings.images)
+        surface = fit.problem.shape.surface(fit.state.shape)
         for block in fit.problem.blocks:
             predicted = predict(
                 fit.state.camera,
                 fit.problem.features,
-                fit.state.board_warp,
+                surface,
                 fit.state.camera_from_target[block.views],
                 block,
                 fit.problem.theta_limit,

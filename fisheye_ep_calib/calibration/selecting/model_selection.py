@@ -12,7 +12,6 @@ from fisheye_ep_calib.calibration.selecting.nested_tests import first_step_test,
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 
-_WARP = "board warp"
 _FREER = f"lens {FREER_LENS}"
 _HOPELESS = 0.1  # p-value of the first step's test: the fit's own will not be a hundred times smaller
 _FURTHER = 0.01  # for further terms of a pupil that is there: one too many costs variance only, not trust
@@ -75,16 +74,15 @@ def supported(rich: Candidate, plain: Candidate, significance: float = _SIGNIFIC
 
 @dataclass(frozen=True)
 class Search:
-    """What ``auto`` may decide: skew, a freer lens, and which of the extras and the board warp it may add."""
+    """What ``auto`` may decide: skew, a freer lens, and which of the extras it may add."""
 
     skew: bool = True
     lens: bool = True
     extras: tuple[str, ...] = ("tangential",)
-    board_warp: bool = True
 
 
 def choose(start: Fit, base: Structure, search: Search) -> Choice:
-    """Choose among the models, deciding extras first: a board's bow, or a lens that bends more, would pass for a pupil.
+    """Choose among the models, deciding extras first: a lens that bends more would pass for a pupil.
 
     base: what the user has fixed; search: what is open. The additions are tried one by one on the model that predicts
     best, each kept where a nested test and cross-validation agree; then all models are compared with what was kept.
@@ -92,7 +90,7 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     fitted = {model: candidate(start, _with_model(base, model, base.terms)) for model in PUPIL_FAMILIES}
     best = min(fitted.values(), key=lambda one: one.validation.mean_loss)
     structure = best.structure
-    best, reasons = _with_additions(best, [_WARP] * search.board_warp + list(search.extras) + [_FREER] * search.lens)
+    best, reasons = _with_additions(best, list(search.extras) + [_FREER] * search.lens)
     if search.skew and best.structure.skew:
         without = candidate(best.fit, replace(best.structure, skew=False))
         kept = supported(best, without)
@@ -183,8 +181,6 @@ def _with_model(structure: Structure, model: str, terms: int | None) -> Structur
 def _with_addition(structure: Structure, name: str) -> Structure:
     if name == _FREER:
         return replace(structure, lens=FREER_LENS)
-    if name == _WARP:
-        return replace(structure, board_warp=True)
     return replace(structure, extras=(*structure.extras, name))
 
 

@@ -9,11 +9,11 @@ from fisheye_ep_calib.calibration.estimating.fit import Fit, opened
 from fisheye_ep_calib.calibration.estimating.normal_equations import (
     ALMOST_UNDAMPED,
     solve_damped,
-    view_robust_covariance,
+    unbiased_view_robust_covariance,
 )
 from fisheye_ep_calib.calibration.structure import Structure
 
-_CLUSTERS_BEYOND_TERMS = 5  # views beyond the number of tested parameters that the view-robust test needs
+_CLUSTERS_BEYOND_TERMS = 10  # views beyond the number of tested parameters that the view-robust test needs
 
 
 def nested_test(rich: Fit, plain: Fit) -> float:
@@ -21,21 +21,23 @@ def nested_test(rich: Fit, plain: Fit) -> float:
 
     The F test on the costs (Seber and Wild, Nonlinear Regression, 5.3) trusts that residuals are independent; those
     of one view share its pose, its lighting and its blur, so a Wald test whose covariance is built from whole views
-    (the cluster-robust sandwich; Cameron and Miller, J. Human Resources 50, 2015) must agree. With too few views for
-    that the F test stands alone.
+    (Cameron and Miller, "A practitioner's guide to cluster-robust inference", J. Human Resources 50, 2015) must agree.
+    With too few views for that the F test stands alone, its statistic divided by the clustering of the residuals.
     """
     extra = rich.structure.parameter_count - plain.structure.parameter_count
     if extra <= 0 or rich.degrees_of_freedom <= 0:
         return 1.0
     gain = plain.adjustment.equations.cost - rich.adjustment.equations.cost
+    if len(rich.sightings.images) < extra + _CLUSTERS_BEYOND_TERMS:
+        return _f_test(plain, gain, extra, rich.clustering)
     return max(_f_test(plain, gain, extra), _wald_test(rich, plain))
 
 
-def _f_test(plain: Fit, gain: float, extra: int) -> float:
+def _f_test(plain: Fit, gain: float, extra: int, clustering: float = 1.0) -> float:
     """p-value of a gain in cost, px², by ``extra`` parameters more than a fit's."""
     freedom = plain.degrees_of_freedom - extra
     rest = max(plain.adjustment.equations.cost - gain, 1e-300)
-    return _f_tail(extra, freedom, max(gain, 0.0) / extra / (rest / freedom))
+    return _f_tail(extra, freedom, max(gain, 0.0) / extra / (clustering * rest / freedom))
 
 
 def first_step_test(structure: Structure, plain: Fit) -> float:
@@ -55,15 +57,13 @@ def first_step_test(structure: Structure, plain: Fit) -> float:
 
 
 def _wald_test(rich: Fit, plain: Fit) -> float:
-    """p-value of the parameters that a plainer fit lacks, from the view-robust covariance; 0 with too few views."""
+    """p-value of the parameters that a plainer fit lacks, from the view-robust covariance."""
     names, values = rich.shared_parameters
     known, _ = plain.shared_parameters
     tested = [i for i, name in enumerate(names) if name not in known]
     views = len(rich.sightings.images)
-    if views < len(tested) + _CLUSTERS_BEYOND_TERMS:
-        return 0.0
     try:
-        covariance = view_robust_covariance(rich.adjustment.equations)[np.ix_(tested, tested)]
+        covariance = unbiased_view_robust_covariance(rich.settled)[np.ix_(tested, tested)]
         statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
     except np.linalg.LinAlgError:  # nothing is known about them
         return 1.0

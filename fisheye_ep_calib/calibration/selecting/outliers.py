@@ -1,5 +1,8 @@
 """Wrong sightings: found against the richest camera, so that what a poor model cannot explain is not thrown away.
 
+A target that is not as its file says has points that look wrong in every view and are not: where its shape is to be
+estimated, that is done before anything is left out, under a Huber loss where sightings may be wrong.
+
 The rule: fit the richest structure under a Cauchy loss, take σ per axis from the upper quartile of the residuals
 (real ones have heavier tails than their median tells), and leave out what lies beyond 6 σ; then fit again without
 it, until the set stays the same. A view that loses more than half of its points is left out whole.
@@ -7,6 +10,7 @@ it, until the set stays the same. A view that loses more than half of its points
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,14 +18,21 @@ import numpy as np
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, refine, with_weights
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
 from fisheye_ep_calib.calibration.estimating.robust import Loss, robust_spread
+from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
+from fisheye_ep_calib.camera import PUPIL_FAMILIES
+from fisheye_ep_calib.target.shape.model import BOW, FLAT
 
 _LIMIT = 6.0  # σ per axis; a Gaussian residual exceeds it once in 65 million
+_LIMIT_SHAPED = 10.0  # once the board's own error is gone: what is left are detectors' errors, whose tails are heavy
 _HUBER = 1.345  # σ; 95 % efficient on Gaussian residuals
 _QUANTILE = 0.75
 _WORST_SHARE = 0.5  # of a view's points: beyond it the whole view is wrong
 _SUSPICIOUS = 1.0  # px RMS; a worse fit may have been dragged off by errors that it no longer shows
 _ROUNDS = 8
+_FEW, _FAR = 0.01, 50.0  # share of the sightings, and σ: fewer and nearer ones do not move a fit that is otherwise good
+_HUBER_ROUNDS = 2
+_ROUGH = 1e-6  # tolerance of fits of which one goes on
 _LEAST_SIGMA = 0.05  # px; what lies within 6 of these is a misfit of the camera, not a wrong sighting
 
 
@@ -54,20 +65,29 @@ def has_outliers(fit: Fit) -> bool:
     """Whether any sighting lies beyond the limit of a fit under the plain loss."""
     length = _lengths(fit, fit.sightings.observations.weights)[_used(fit)]
     least = _LEAST_SIGMA * fit.sightings.usual_weight
-    return bool(length.max() > _LIMIT * max(robust_spread(length, _QUANTILE), least))
+    return bool(length.max() > _limit(fit) * max(robust_spread(length, _QUANTILE), least))
 
 
-def richest_structure(structure: Structure, sightings: Sightings) -> Structure:
-    """The structure with everything that the data can carry: all of pupil, lens, decentering and board warp."""
+def _limit(fit: Fit) -> float:
+    """Beyond how many σ per axis a sighting is wrong."""
+    return _LIMIT_SHAPED if fit.problem.shape_size else _LIMIT
+
+
+def richest_structure(structure: Structure, sightings: Sightings, board_shape: str = BOW) -> Structure:
+    """The structure with everything that the data can carry: all of pupil, lens, decentering and board warp.
+
+    A structure without a pupil, or with one that may be given more terms, is given the even one of four.
+    """
+    family = structure.model if board_shape == FLAT else "ep_even"
     rich = replace(
         structure,
-        model="ep_even",
-        terms=4,
+        model=family,
+        terms=PUPIL_FAMILIES[family].max_terms or None,
         lens=FREER_LENS if structure.lens == LENS else structure.lens,
         target_axis=False,
         skew=True,
         extras=tuple(dict.fromkeys((*structure.extras, "tangential"))),
-        board_warp=sightings.features.board.planar,
+        board_shape=board_shape if sightings.features.board.planar else structure.board_shape,
     )
     enough = 2 * sightings.point_count > 2 * (6 * len(sightings.images) + rich.parameter_count)
     return rich if enough else structure
@@ -84,6 +104,23 @@ def screen(start: Fit, fit: Fit) -> Screening:
     if _is_clean(refine(start, rich)):
         return Screening(start, (), ())
     return _screen_robustly(fit.sightings, fit.structure, rich)
+
+
+def screen_with_shape(fit: Fit, families: Sequence[str]) -> Screening:
+    """``screen`` with the target's shape free. The start that is given back knows the shape's variances.
+
+    families: pupils among which the one that explains most judges; one that explains less would bend the board to it.
+    """
+    richest = [richest_structure(replace(fit.structure, model=name), fit.sightings, FLAT) for name in families]
+    plain = min(
+        (refine(fit, rich, tolerance=_ROUGH) for rich in richest), key=lambda one: one.adjustment.equations.cost
+    )
+    shaped = with_estimated_shape(plain, plain.structure)
+    if _is_clean(shaped):
+        return Screening(shaped, (), ())
+    if _is_nearly_clean(shaped):
+        return _without_outliers(fit.sightings, fit.structure, shaped, plain.structure, shaped=True)
+    return _screen_robustly(fit.sightings, fit.structure, plain.structure, shaped=True)
 
 
 def huber_fit(start: Fit, fit: Fit) -> Fit:
@@ -103,12 +140,29 @@ def _is_clean(fit: Fit) -> bool:
     return fit.adjustment.converged and small and not has_outliers(fit)
 
 
-def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure) -> Screening:
+def _is_nearly_clean(fit: Fit) -> bool:
+    """Whether what lies beyond the limit is too little to have moved the fit."""
+    length = _lengths(fit, fit.sightings.observations.weights)[_used(fit)]
+    sigma = max(robust_spread(length, _QUANTILE), _LEAST_SIGMA * fit.sightings.usual_weight)
+    small = fit.rms_px < _SUSPICIOUS * fit.sightings.usual_weight and length.max() < _FAR * sigma
+    return bool(fit.adjustment.converged and small and (length > _limit(fit) * sigma).mean() < _FEW)
+
+
+def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure, shaped: bool = False) -> Screening:
     observations = sightings.observations
     least = _LEAST_SIGMA * sightings.usual_weight
     start = first_fit(sightings, structure.lens, robust=True)
     spread = robust_spread(_lengths(start, observations.weights)[_used(start)])
     fit = repaired(refine(start, rich, loss=Loss("cauchy", max(2 * spread, least))))
+    if shaped:
+        fit = _huber_shape(fit, rich, least)
+    return _without_outliers(sightings, structure, fit, rich, shaped)
+
+
+def _without_outliers(sightings: Sightings, structure: Structure, fit: Fit, rich: Structure, shaped: bool) -> Screening:
+    """Leave out what lies beyond the limit of a fit that wrong sightings have not dragged off, until nothing does."""
+    observations = sightings.observations
+    least = _LEAST_SIGMA * sightings.usual_weight
     keep = observations.weights > 0
     rejected_residual = np.zeros((len(keep), 2))
     wrong: set[int] = set()
@@ -117,14 +171,15 @@ def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure
         length = _lengths(fit, observations.weights)
         known = np.isfinite(error[:, 0])
         sigma = max(robust_spread(length[keep & known], _QUANTILE), least)
-        inside = (observations.weights > 0) & known & (length <= _LIMIT * sigma)
+        inside = (observations.weights > 0) & known & (length <= _limit(fit) * sigma)
         wrong |= _wrong_views(observations, inside, fit.sightings.images)
         inside &= ~np.isin(observations.image_index, list(wrong))
         rejected_residual[known] = error[known]
         if np.array_equal(inside, keep):
             break
         keep = inside
-        fit = refine(fit, rich, with_weights(sightings, np.where(keep, observations.weights, 0.0)))
+        left = with_weights(sightings, np.where(keep, observations.weights, 0.0))
+        fit = with_estimated_shape(fit, rich, left) if shaped else refine(fit, rich, left)
     kept = fit.sightings
     # Images with too few points for a pose were never judged.
     judged = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
@@ -136,8 +191,20 @@ def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure
         )
         for row in np.flatnonzero(judged & ~keep)
     )
-    plain = refine(fit, Structure("kannala", lens=structure.lens), kept)
+    plain = fit if shaped else refine(fit, Structure("kannala", lens=structure.lens), kept)
     return Screening(plain, rejected, tuple(sorted(wrong)))
+
+
+def _huber_shape(fit: Fit, rich: Structure, least: float) -> Fit:
+    """The fit with the shape free, under a Huber loss: points that are off in all views move, single sightings do not.
+
+    The scale follows the residuals, which a bent board makes large at first.
+    """
+    for _ in range(_HUBER_ROUNDS):
+        length = _lengths(fit, fit.sightings.observations.weights)[_used(fit)]
+        spread = max(robust_spread(length, _QUANTILE), least)
+        fit = with_estimated_shape(fit, rich, loss=Loss("huber", _HUBER * spread))
+    return fit
 
 
 def _used(fit: Fit) -> np.ndarray:

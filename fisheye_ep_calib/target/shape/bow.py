@@ -9,52 +9,30 @@ hangs from one corner. mrcal's warp is the same with w_xy = 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+
+from fisheye_ep_calib.target.shape.frame import BoardFrame
 
 WARP_NAMES = ("w_x", "w_y", "w_xy")
 
 
-@dataclass(frozen=True)
-class BoardFrame:
-    """The target's own plane. axes (3, 3): columns x, y, normal in the target frame; middle (3,), metres.
-
-    half_extent (2,): metres. planar: whether all points lie in the plane.
-    """
-
-    axes: np.ndarray
-    middle: np.ndarray
-    half_extent: np.ndarray
-    planar: bool
-
-    def warp_shapes(self, points: np.ndarray) -> np.ndarray:
-        """∂z/∂(w_x, w_y, w_xy), (3, *S), at points (3, *S) of the target frame."""
-        x, y = (
-            (np.tensordot(self.axes[:, axis], points, axes=1) - self.axes[:, axis] @ self.middle)
-            / self.half_extent[axis]
-            for axis in range(2)
-        )
-        return np.stack([1 - x * x, 1 - y * y, x * y])
+def bow_height(frame: BoardFrame, points: np.ndarray) -> np.ndarray:
+    """∂z/∂(w_x, w_y, w_xy), (n, 3), at points (n, 3) of the target frame."""
+    x, y = frame.plane_coordinates(points).T
+    return np.stack([1 - x * x, 1 - y * y, x * y], axis=-1)
 
 
-def board_middle(object_points: np.ndarray) -> np.ndarray:
-    """The middle (3,) of points (n, 3), metres: of the box around them."""
-    return 0.5 * (object_points.min(axis=0) + object_points.max(axis=0))
+def nearest_bow(frame: BoardFrame, points: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """w_x, w_y, w_xy (3,), metres, of the bow that comes nearest to heights (n,) above points (n, 3), tilt aside."""
+    columns = np.concatenate([bow_height(frame, points), frame.local(points)[:, :2], np.ones((len(points), 1))], axis=1)
+    size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    return (np.linalg.lstsq(columns / size, height, rcond=None)[0] / size)[:3]
 
 
-def board_frame(object_points: np.ndarray) -> BoardFrame:
-    """The frame of points (n, 3), metres; a board in a plane z = constant keeps its x and y axes."""
-    middle = board_middle(object_points)
-    extent = np.ptp(object_points, axis=0)
-    size = max(float(extent.max()), 1e-12)
-    axes = np.eye(3)
-    if extent[2] > 1e-9 * size:
-        _, _, axes_rows = np.linalg.svd(object_points - object_points.mean(axis=0), full_matrices=True)
-        axes = axes_rows.T.copy()
-        axes[:, 2] *= np.sign(np.linalg.det(axes))
-        middle = object_points.mean(axis=0)
-    local = (object_points - middle) @ axes
-    half_extent = np.maximum(np.abs(local).max(axis=0), 1e-12)
-    planar = bool(half_extent[2] <= 1e-6 * size)
-    return BoardFrame(axes, middle, half_extent[:2], planar)
+def bow_slope(frame: BoardFrame, points: np.ndarray) -> np.ndarray:
+    """∂²z/∂(x, y)∂(w_x, w_y, w_xy), (n, 2, 3), 1/metre, at points (n, 3) of the target frame."""
+    x, y = frame.plane_coordinates(points).T
+    zero = np.zeros_like(x)
+    along_x = np.stack([-2 * x, zero, y], axis=-1) / frame.half_extent[0]
+    along_y = np.stack([zero, -2 * y, x], axis=-1) / frame.half_extent[1]
+    return np.stack([along_x, along_y], axis=1)

@@ -41,7 +41,7 @@ PROBLEMS = {
     "central": (lambda: seen_board(views=6, noise=0.5), Structure("kannala"), LINEAR),
     "everything": (
         lambda: seen_board(views=8, noise=0.5),
-        Structure("ep_even", extras=("tangential", "tilt"), board_warp=True),
+        Structure("ep_even", extras=("tangential", "tilt"), board_shape="bow"),
         LINEAR,
     ),
     "double sphere, huber": (
@@ -51,7 +51,7 @@ PROBLEMS = {
     ),
     "cauchy": (lambda: seen_board(views=6, noise=0.5), Structure("ep_odd", terms=2), Loss("cauchy", 0.6)),
     "solid": (solid, Structure("ep_odd", terms=1), LINEAR),
-    "discs": (discs, Structure("ep_odd", board_warp=True), LINEAR),
+    "discs": (discs, Structure("ep_odd", board_shape="bow"), LINEAR),
     "the paper's printed equation": (discs, Structure("ep_odd", target_axis=True), LINEAR),
 }
 

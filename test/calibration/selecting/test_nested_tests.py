@@ -17,7 +17,7 @@ CENTRAL = replace(CAMERA, model="kannala", coefficients=())
 RICHER = {
     "pupil": Structure("ep_even"),
     "tangential": Structure("kannala", extras=("tangential",)),
-    "board warp": Structure("kannala", board_warp=True),
+    "board warp": Structure("kannala", board_shape="bow"),
     "lens": Structure("kannala", lens="kannala_brandt_6"),
 }
 

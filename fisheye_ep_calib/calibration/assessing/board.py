@@ -1,0 +1,45 @@
+"""The target's shape as a fit found it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.shape_estimate import GATE, linearised
+from fisheye_ep_calib.target.shape.basis import HEIGHT_GROUPS
+from fisheye_ep_calib.target.shape.measured import BoardShape
+from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FLAT, FREE, GROUPS
+from fisheye_ep_calib.target.shape.variances import backward
+
+
+def board_shape(fit: Fit) -> BoardShape:
+    """By how much the target departs from its file, with standard deviations and the verdict on its bend."""
+    model, state = fit.problem.shape, fit.state.shape
+    local = model.local(state)
+    if model.kind != FREE:
+        kind = FLAT if not np.any(local) else model.kind
+        return BoardShape(kind, model.nominal, local[:, :3], bent=bool(np.any(local)), slopes=local[:, 3:])
+    assert model.variances is not None
+    deviation = model.variances.deviation
+    return BoardShape(
+        FREE,
+        model.nominal,
+        local[:, :3],
+        sigma=fit.sigma_px * np.sqrt(linearised(fit).shift_variance(model.variances)),
+        bent=_is_bent(fit),
+        scatter=tuple(deviation[AXIS_GROUP].tolist()),
+        groups={name: float(value) for name, value in zip(GROUPS, deviation, strict=True) if value > 0},
+        slopes=local[:, 3:],
+    )
+
+
+def _is_bent(fit: Fit) -> bool:
+    """Whether a smooth height is left once every group is left out that gains too little."""
+    variances = fit.problem.shape.variances
+    assert variances is not None
+    heights = [GROUPS.index(name) for name in HEIGHT_GROUPS]
+    if not variances.deviation[heights].any():
+        return False
+    linearisation = linearised(fit)
+    kept, _ = backward(linearisation, variances, linearisation(variances), GATE)
+    return bool(kept.deviation[heights].any())
