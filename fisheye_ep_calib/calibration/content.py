@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
-
 from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.result import CalibrationResult
 
@@ -39,7 +37,7 @@ def calibration_content(result: CalibrationResult) -> dict[str, Any]:
             for name, one in result.comparison.items()
         },
         "reasons": list(result.reasons),
-        "board": board_content(result),
+        "board": result.board.to_dict(),
         "board_warp_mm": (1e3 * result.board_warp).tolist(),
         "noise_px": result.uncertainty.sigma_px,
         "svp_loss_px": {str(key): value for key, value in result.stand_in.loss_px.items()},
@@ -64,19 +62,3 @@ def calibration_content(result: CalibrationResult) -> dict[str, Any]:
 def findings_content(findings: Iterable[Finding]) -> list[dict[str, Any]]:
     """name: as programs know it. raised: whether it limits the result. text: what it means and what to do."""
     return [{"name": one.name, "raised": one.concern, "text": one.sentence} for one in findings]
-
-
-def board_content(result: CalibrationResult) -> dict[str, Any]:
-    """What the calibration says of the target's shape; None where it says nothing."""
-    warp = result.board_warp
-    board = result.fit.sightings.features.board
-    points = result.fit.sightings.observations.object_points
-    heights = np.tensordot(warp, board.warp_shapes(points.T), axes=1) if board.planar else np.zeros(len(points))
-    return {
-        "shape": "bow" if result.fit.structure.board_warp else "flat",
-        "bent": bool(np.any(warp)),
-        "height_rms_mm": 1e3 * float(np.std(heights)),
-        "in_plane_rms_mm": None,
-        "rough_rms_mm": None,
-        "aspect_percent": None,
-    }
