@@ -163,7 +163,7 @@ def look(recording: Recording, detector: Detector, job: Job) -> FrameResult:
     frame = recording.frame(job.topic, job.index)
     started = time.perf_counter()
     try:
-        image = frame.image()
+        image = frame.image() if job.camera_from_target is None else frame.levels()
     except InputError as error:
         return failed_on(recording, job, str(error), time.perf_counter() - started)
     read = time.perf_counter()

@@ -38,18 +38,37 @@ def to_eight_bits(grey: np.ndarray) -> np.ndarray:
     """
     if grey.dtype == np.uint8:
         return grey
-    if grey.dtype != np.uint16:
-        grey = np.nan_to_num(grey.astype(np.float32, copy=False), nan=-np.inf, posinf=np.inf, neginf=-np.inf)
-        finite = grey[np.isfinite(grey)]
-        if len(finite) == 0:
-            return np.zeros(grey.shape, np.uint8)
-        grey = np.clip(grey, finite.min(), finite.max())
+    grey = _finite(grey)
     scene = scene_range(grey)
     if grey.dtype == np.uint16:  # a table costs less than calculating every pixel
         table = _levels(np.arange(1 << 16, dtype=np.float32), scene)
         return np.take(np.rint(table).astype(np.uint8), grey)
     result: np.ndarray = np.rint(_levels(grey, scene)).astype(np.uint8)
     return result
+
+
+def to_levels(grey: np.ndarray) -> np.ndarray:
+    """For measuring: what ``to_eight_bits`` gives without its rounding, float32, and with lamps beyond 255.
+
+    Grey values of 8 bits as they are.
+    """
+    if grey.dtype == np.uint8:
+        return grey
+    grey = _finite(grey)
+    scene = scene_range(grey)
+    top = _KNEE_LEVEL if scene.knee < scene.high else 255.0
+    slope = np.float32(top / (scene.knee - scene.low))
+    levels: np.ndarray = (grey.astype(np.float32) - np.float32(scene.low)) * slope
+    return levels
+
+
+def _finite(grey: np.ndarray) -> np.ndarray:
+    """uint16 as it is; real numbers as float32, what is not finite among them the least or the greatest that is."""
+    if grey.dtype == np.uint16:
+        return grey
+    grey = np.nan_to_num(grey.astype(np.float32, copy=False), nan=-np.inf, posinf=np.inf, neginf=-np.inf)
+    finite = grey[np.isfinite(grey)]
+    return np.clip(grey, finite.min(), finite.max()) if len(finite) else np.zeros(grey.shape, np.float32)
 
 
 def _levels(values: np.ndarray, scene: Range) -> np.ndarray:

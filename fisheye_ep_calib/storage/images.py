@@ -72,8 +72,13 @@ def decode_image(message: Message) -> np.ndarray:
 
     Deeper samples are brought to the range of the scene. Raises InputError.
     """
+    return to_eight_bits(grey_image(message))
+
+
+def grey_image(message: Message) -> np.ndarray:
+    """sensor_msgs/Image → grey (h, w) of its own depth: uint8, uint16 or float32. Raises InputError."""
     samples, layout = checked_samples(message)
-    return to_eight_bits(_to_grey(samples[: int(message.height)], layout.to_grey))
+    return _to_grey(samples[: int(message.height)], layout.to_grey)
 
 
 def checked_samples(message: Message) -> tuple[np.ndarray, Layout]:
@@ -117,12 +122,12 @@ def decode_compressed(message: Message) -> np.ndarray:
 
 def decode_file_content(content: bytes | np.ndarray) -> np.ndarray:
     """The content of an image file → grey (h, w) uint8. Raises InputError."""
-    return grey(decoded_file(content))
+    return to_eight_bits(grey_of_samples(decoded_file(content)))
 
 
-def grey(samples: np.ndarray) -> np.ndarray:
-    """Decoded samples (h, w, 1, 3 or 4), blue green red alpha → grey (h, w) uint8."""
-    return to_eight_bits(_to_grey(samples, _GREY_OF_CHANNELS[samples.shape[2]]))
+def grey_of_samples(samples: np.ndarray) -> np.ndarray:
+    """Decoded samples (h, w, 1, 3 or 4), blue green red alpha → grey (h, w) of the same depth."""
+    return _to_grey(samples, _GREY_OF_CHANNELS[samples.shape[2]])
 
 
 def decoded_file(content: bytes | np.ndarray) -> np.ndarray:

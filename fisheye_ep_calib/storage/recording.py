@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.grey_levels import to_eight_bits, to_levels
 from fisheye_ep_calib.storage.pictures import Picture
 from fisheye_ep_calib.storage.sources.base import IMAGE_TYPES, Entry, Source
 from fisheye_ep_calib.storage.sources.find import find_sources
@@ -45,7 +46,11 @@ class Frame:
 
     def image(self) -> np.ndarray:
         """Grey (h, w) uint8, read and decoded now. Raises InputError where this one image is damaged."""
-        return self._source.image(self.topic, self._entry)
+        return to_eight_bits(self._source.grey(self.topic, self._entry))
+
+    def levels(self) -> np.ndarray:
+        """As ``image`` where that is all there is; of a deeper image the same grey levels, float32, not rounded."""
+        return to_levels(self._source.grey(self.topic, self._entry))
 
     def picture(self) -> Picture:
         """The image with its colours, read and decoded now. Raises InputError where it is damaged."""

@@ -39,7 +39,10 @@ class Detector(Protocol):
         ...
 
     def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
-        """Find it again where a first calibration, a FisheyeCamera and a pose (4, 4), says it is."""
+        """Find it again where a first calibration, a FisheyeCamera and a pose (4, 4), says it is.
+
+        image: grey (h, w), uint8 or, of a deeper image, float32 in the same grey levels.
+        """
         ...
 
 
@@ -50,8 +53,8 @@ def check_image(image: np.ndarray) -> str:
     """Why nothing can be found in this image, or an empty string. Spends nothing on an image that holds
     nothing.
     """
-    if image.ndim != 2 or image.dtype != np.uint8:
-        return "not a grey 8-bit image"
+    if image.ndim != 2 or image.dtype not in (np.uint8, np.float32):
+        return "not a grey image of 8 bits or in grey levels"
     if min(image.shape) < 16:
         return "image too small"
     if max(image.shape) > LONGEST_SIDE:

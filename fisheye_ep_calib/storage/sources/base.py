@@ -11,7 +11,7 @@ import numpy as np
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
-from fisheye_ep_calib.storage.images import decode_compressed, decode_image
+from fisheye_ep_calib.storage.images import as_bytes, decoded_file, grey_image, grey_of_samples
 from fisheye_ep_calib.storage.messages import Message, deserialize
 from fisheye_ep_calib.storage.pictures import Picture, decode_compressed_picture, decode_picture
 from fisheye_ep_calib.storage.sources.open_files import forget, note_use
@@ -75,8 +75,8 @@ class Source:
         """Fill in topics, entries and problems."""
         raise NotImplementedError
 
-    def image(self, topic: str, entry: Entry) -> np.ndarray:
-        """The image as grey (h, w) uint8. Raises InputError where it is damaged."""
+    def grey(self, topic: str, entry: Entry) -> np.ndarray:
+        """The image as grey (h, w) of its own depth, uint8, uint16 or float32. Raises InputError where damaged."""
         raise NotImplementedError
 
     def picture(self, topic: str, entry: Entry) -> Picture:
@@ -143,13 +143,13 @@ class BagSource(Source):
             content = decompress(content, "zstd", MAX_MESSAGE_BYTES)
         return deserialize(content, self.topics[topic], self.encodings[topic])
 
-    def image(self, topic: str, entry: Entry) -> np.ndarray:
+    def grey(self, topic: str, entry: Entry) -> np.ndarray:
         message = self.message(topic, entry)
         if self.topics[topic] == IMAGE:
-            return decode_image(message)
+            return grey_image(message)
         if packet_of(message, self.topics[topic]) is not None:
             return grey_of(self._video(topic).frame(self._number(topic, entry)))
-        return decode_compressed(message)
+        return grey_of_samples(decoded_file(as_bytes(message.data)))
 
     def picture(self, topic: str, entry: Entry) -> Picture:
         message = self.message(topic, entry)

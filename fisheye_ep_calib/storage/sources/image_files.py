@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.storage.images import decoded_file, decoded_page, grey
+from fisheye_ep_calib.storage.images import decoded_file, decoded_page, grey_of_samples
 from fisheye_ep_calib.storage.pictures import Picture, picture_of
 from fisheye_ep_calib.storage.sources.base import Entry, Source
 from fisheye_ep_calib.storage.sources.image_names import times_in_names
@@ -68,8 +68,8 @@ class ImageFiles(Source):
         archive = None if self.archive is None else (self.archive[0].absolute(), self.archive[1].absolute())
         return {**super().__getstate__(), "files": [file.absolute() for file in self.files], "archive": archive}
 
-    def image(self, topic: str, entry: Entry) -> np.ndarray:
-        return grey(self._samples(entry))
+    def grey(self, topic: str, entry: Entry) -> np.ndarray:
+        return grey_of_samples(self._samples(entry))
 
     def picture(self, topic: str, entry: Entry) -> Picture:
         return picture_of(self._samples(entry))

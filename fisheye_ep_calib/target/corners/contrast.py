@@ -20,7 +20,7 @@ SAMPLES = 512  # pixels a side to tell the range from
 
 
 def stretched(image: np.ndarray, part: np.ndarray | None = None) -> np.ndarray:
-    """A grey image (h, w) uint8 with the range of its part (all of it if None) spread over 0 to 255.
+    """A grey image (h, w), uint8 or float32, with the range of its part (all of it if None) spread over 0 to 255.
 
     The image itself where its range is not small, or nothing.
     """
@@ -30,6 +30,9 @@ def stretched(image: np.ndarray, part: np.ndarray | None = None) -> np.ndarray:
     if not LEAST_RANGE <= high - low < SMALL_RANGE:
         return image
     low, high = low - ROOM * (high - low), high + ROOM * (high - low)
+    if image.dtype == np.float32:
+        wide: np.ndarray = ((image - np.float32(low)) * np.float32(255 / (high - low))).clip(0, 255)
+        return wide
     table = np.rint((np.arange(256) - low) * (255 / (high - low))).clip(0, 255).astype(np.uint8)
     result: np.ndarray = table[image]
     return result
