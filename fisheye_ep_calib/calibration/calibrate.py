@@ -327,5 +327,5 @@ def _cost_at(fit: Fit, scale: float) -> float:
     camera = fit.state.camera
     held = replace(fit.problem, free=fit.problem.free & ~np.isin(camera.parameter_names, ("fx", "fy")))
     moved = replace(camera, fx=scale * camera.fx, fy=scale * camera.fy)
-    found = adjust(replace(held, theta_limit=np.pi), replace(fit.state, camera=moved)).equations
-    return found.cost if found.valid else np.inf
+    equations = adjust(replace(held, theta_limit=np.pi), replace(fit.state, camera=moved)).equations
+    return equations.cost if equations.valid else np.inf

@@ -91,7 +91,7 @@ class CalibrationResult:
         own = uncertainty(self.fit)
         if self.choice is None or not self.fit.structure.pupil_terms:
             return own
-        families = [one.fit for one in self.choice.candidates.values() if one.structure.pupil_terms]
+        families = [each.fit for each in self.choice.candidates.values() if each.structure.pupil_terms]
         return with_family_spread(own, self.fit, families)
 
     @cached_property
@@ -107,10 +107,10 @@ class CalibrationResult:
     @cached_property
     def comparison(self) -> dict[str, Comparison]:
         """Other models side by side, by name."""
-        found = {name: _comparison(one) for name, one in self.candidates.items()}
-        if self.model in found:
-            found[self.model] = replace(found[self.model], covariance=self.uncertainty.covariance)
-        return found
+        compared = {name: _comparison(each) for name, each in self.candidates.items()}
+        if self.model in compared:
+            compared[self.model] = replace(compared[self.model], covariance=self.uncertainty.covariance)
+        return compared
 
     @cached_property
     def entrance_pupil_supported(self) -> bool:
@@ -181,17 +181,17 @@ class CalibrationResult:
         return self.fit.residuals[0]
 
 
-def _comparison(one: Candidate) -> Comparison:
-    camera = one.fit.state.camera
+def _comparison(candidate: Candidate) -> Comparison:
+    camera = candidate.fit.state.camera
     try:
-        covariance = uncertainty(one.fit).covariance
+        covariance = uncertainty(candidate.fit).covariance
     except np.linalg.LinAlgError:
         covariance = np.full((len(camera.parameters),) * 2, np.nan)
     return Comparison(
-        one.structure.name,
-        one.fit.rms_px,
-        one.validation.rms_px,
-        one.structure.parameter_count,
+        candidate.structure.name,
+        candidate.fit.rms_px,
+        candidate.validation.rms_px,
+        candidate.structure.parameter_count,
         camera,
         covariance,
     )

@@ -8,6 +8,7 @@ import numpy as np
 
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
 from fisheye_ep_calib.camera.parameters import pupil_names
+from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.model import BOW, FLAT
@@ -42,7 +43,7 @@ class Structure:
             if name not in LENS_EXTRAS:
                 raise InputError(f"unknown lens extra {name!r}; known: {', '.join(LENS_EXTRAS)}")
         most = PUPIL_FAMILIES[self.model].max_terms
-        if self.terms is not None and self.model != "kannala" and self.terms not in range(1, most + 1):
+        if self.terms is not None and self.model != CENTRAL_MODEL and self.terms not in range(1, most + 1):
             raise InputError(f"{self.model} takes 1 to {most} terms, not {self.terms}")
 
     @property

@@ -13,6 +13,7 @@ from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 from fisheye_ep_calib.calibration.result import CalibrationResult
 from fisheye_ep_calib.camera.bands import pupil_sigma
+from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 
 GOOD, CAUTION, BAD = "good", "caution", "bad"
 _LARGE_RMS = 1.0  # px; a target that is found well leaves less
@@ -41,7 +42,7 @@ def pupil_sentence(result: CalibrationResult) -> str:
             "an entrance pupil is not supported by these data: record the target close to the lens and out to the "
             "edge of the image, at several distances, if you need one"
         )
-    if result.model == "kannala":
+    if result.model == CENTRAL_MODEL:
         return "the data support an entrance pupil, which this single-viewpoint model leaves out: try model auto"
     camera = result.camera
     angle = min(np.deg2rad(_PUPIL_DEGREES), camera.theta_max)

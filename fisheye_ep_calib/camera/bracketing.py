@@ -39,6 +39,6 @@ def last_where(holds: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high:
     """The end of the part of [low, high] in which a condition holds that holds at low and not at high, by halving."""
     for _ in range(60):
         middle = 0.5 * (low + high)
-        found = holds(middle)
-        low, high = np.where(found, middle, low), np.where(found, high, middle)
+        below = holds(middle)
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
     return low

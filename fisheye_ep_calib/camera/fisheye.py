@@ -17,6 +17,7 @@ from fisheye_ep_calib.camera.lenses.lens import increasing_limit
 from fisheye_ep_calib.camera.parameters import PIXEL_NAMES, ParameterLayout, parameter_layout
 from fisheye_ep_calib.camera.projection import project_coordinates
 from fisheye_ep_calib.camera.pupils import (
+    CENTRAL_MODEL,
     PUPIL_FAMILIES,
     PupilFamily,
     entrance_pupil,
@@ -51,7 +52,7 @@ class FisheyeCamera:
     cy: float
     skew: float = 0.0
     radial: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
-    model: str = "kannala"
+    model: str = CENTRAL_MODEL
     coefficients: tuple[float, ...] = ()
     extras: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     lens: str = "kannala_brandt"
@@ -168,24 +169,24 @@ class FisheyeCamera:
         Whether the pixel lies inside the image is not asked.
         """
         points = np.asarray(points, dtype=float)
-        found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
-        return np.stack([found.u, found.v], axis=-1), found.valid
+        projected = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
+        return np.stack([projected.u, projected.v], axis=-1), projected.valid
 
     def project_with_jacobian(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``project`` with ∂pixels/∂point (..., 2, 3) and ∂pixels/∂parameters (..., 2, P)."""
         points = np.asarray(points, dtype=float)
-        found = project_coordinates(
+        projected = project_coordinates(
             self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit, jacobian=True
         )
-        d_point = np.moveaxis(found.d_point, (0, 1), (-2, -1))
-        d_parameters = np.moveaxis(found.d_parameters, (0, 1), (-2, -1))
-        return np.stack([found.u, found.v], axis=-1), found.valid, d_point, d_parameters
+        d_point = np.moveaxis(projected.d_point, (0, 1), (-2, -1))
+        d_parameters = np.moveaxis(projected.d_parameters, (0, 1), (-2, -1))
+        return np.stack([projected.u, projected.v], axis=-1), projected.valid, d_point, d_parameters
 
     def incidence_angle(self, points: ArrayLike) -> np.ndarray:
         """θ (...), rad, of points (..., 3) in the camera frame, metres."""
         points = np.asarray(points, dtype=float)
-        found = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
-        return found.theta
+        projected = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
+        return projected.theta
 
     def _plane(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Normalised plane coordinates before the extras, of pixels (..., 2), and whether the extras reach them."""

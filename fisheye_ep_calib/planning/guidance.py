@@ -66,11 +66,11 @@ def next_view(
     step = max(1, len(object_points) // _MOST_POINTS)
     points = object_points[::step]
     camera = replace(camera, theta_max=np.pi)
-    known = view_information(camera, points, camera_from_target).information.sum(axis=0)
+    so_far = view_information(camera, points, camera_from_target).information.sum(axis=0)
     grid, poses = _candidate_poses(object_points, camera_from_target, distances)
     information = view_information(camera, points, poses).information
     sought = sought_rows(camera)
-    gain = variance_reduction(information, known, sought) / len(sought)
+    gain = variance_reduction(information, so_far, sought) / len(sought)
     best = int(np.argmax(gain))
     theta, azimuth, distance, tilt = (float(value) for value in grid[best])
     return Suggestion(theta, azimuth, distance, tilt, poses[best], float(gain[best] / (1 + gain[best])))

@@ -55,41 +55,45 @@ def first_look(count: int, choice: FrameChoice) -> list[int]:
     return sorted(set(np.round(np.linspace(0, count - 1, min(spread, choice.max_views))).astype(int).tolist()))
 
 
-def room_left(seen: int, count: int, choice: FrameChoice) -> int:
+def room_left(looked_at: int, count: int, choice: FrameChoice) -> int:
     """How many images to look at in the next round."""
     if choice.every is not None:
         return 0
-    return max(0, min(FRAMES_A_ROUND, choice.max_views - seen, count - seen))
+    return max(0, min(FRAMES_A_ROUND, choice.max_views - looked_at, count - looked_at))
 
 
 def next_look(
-    seen: Mapping[int, Detection | None], target: Target, image_size: tuple[int, int], count: int, choice: FrameChoice
+    looked_at: Mapping[int, Detection | None],
+    target: Target,
+    image_size: tuple[int, int],
+    count: int,
+    choice: FrameChoice,
 ) -> list[int]:
     """The images to look at next: those that tell most about the camera, else those where the target moves.
 
-    seen: image → what was found in it, or None; count: images there are. image_size: width, height, pixels.
+    looked_at: image → what was found in it, or None; count: images there are. image_size: width, height, pixels.
     """
-    room = room_left(len(seen), count, choice)
+    room = room_left(len(looked_at), count, choice)
     if room == 0:
         return []
-    found = {image: detection for image, detection in seen.items() if detection is not None}
-    chosen = most_informative(found, sorted(seen), target, image_size, room)
+    detections = {image: detection for image, detection in looked_at.items() if detection is not None}
+    chosen = most_informative(detections, sorted(looked_at), target, image_size, room)
     signatures = {
         image: view_signature(target.object_points[detection.point_index], detection.pixels, image_size)
-        for image, detection in found.items()
+        for image, detection in detections.items()
     }
-    moved = closer_look({image: signatures.get(image) for image in seen}, room)
+    moved = closer_look({image: signatures.get(image) for image in looked_at}, room)
     return sorted(chosen + [image for image in moved if image not in chosen][: room - len(chosen)])
 
 
-def closer_look(seen: Mapping[int, ViewSignature | None], room: int) -> list[int]:
+def closer_look(looked_at: Mapping[int, ViewSignature | None], room: int) -> list[int]:
     """Up to ``room`` images to look at next: the middles of the gaps that promise most.
 
-    seen: image → how the target appeared in it, or None. Empty once nothing is to be gained.
+    looked_at: image → how the target appeared in it, or None. Empty once nothing is to be gained.
     """
-    looked = sorted(seen)
+    looked = sorted(looked_at)
     gaps = [(a, b) for a, b in zip(looked, looked[1:], strict=False) if b - a > 1]
-    worth = np.array([_worth(seen[a], seen[b]) for a, b in gaps])
+    worth = np.array([_worth(looked_at[a], looked_at[b]) for a, b in gaps])
     # Among gaps of equal worth the longest first; ties go to the earliest.
     lengths = np.array([b - a for a, b in gaps])
     order = np.lexsort((-lengths, -np.round(worth, 9)))

@@ -42,11 +42,11 @@ class _Views:
 
 
 def most_informative(
-    found: Mapping[int, Detection], seen: Sequence[int], target: Target, image_size: tuple[int, int], room: int
+    found: Mapping[int, Detection], looked_at: Sequence[int], target: Target, image_size: tuple[int, int], room: int
 ) -> list[int]:
     """Up to ``room`` images between those seen, the most informative first; none where too little is known.
 
-    found: image → detection, of those in which the target was found; seen: all that were looked at.
+    found: image → detection, of those in which the target was found; looked_at: all that were looked at.
     """
     if room < 1 or len(found) < MIN_VIEWS:
         return []
@@ -54,7 +54,7 @@ def most_informative(
     if start is None:
         return []
     camera, images, poses = start
-    between, poses_between = _poses_between(images, poses, sorted(seen), _middle(target))
+    between, poses_between = _poses_between(images, poses, sorted(looked_at), _middle(target))
     if len(between) == 0:
         return []
     points = target.object_points[_some(len(target.object_points))]
@@ -98,14 +98,14 @@ def _middle(target: Target) -> np.ndarray:
 
 
 def _poses_between(
-    images: np.ndarray, poses: np.ndarray, seen: Sequence[int], middle: np.ndarray
+    images: np.ndarray, poses: np.ndarray, looked_at: Sequence[int], middle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Images not seen between two neighbours in ``seen`` that both have a pose, and their supposed poses.
+    """Images not seen between two neighbours in ``looked_at`` that both have a pose, and their supposed poses.
 
     The board turns about one axis, evenly; its middle moves along a smooth curve.
     """
     number = {image: view for view, image in enumerate(images.tolist())}
-    gaps = [(a, b) for a, b in zip(seen, seen[1:], strict=False) if b - a > 1 and a in number and b in number]
+    gaps = [(a, b) for a, b in zip(looked_at, looked_at[1:], strict=False) if b - a > 1 and a in number and b in number]
     between = np.array([image for a, b in gaps for image in range(a + 1, b)], dtype=int)
     stride = -(-len(between) // MAX_CANDIDATES) or 1
     between = between[stride // 2 :: stride]
@@ -148,17 +148,17 @@ def _views(camera: FisheyeCamera, points: np.ndarray, images: np.ndarray, poses:
     return _Views(images, told.pixels, told.information)
 
 
-def _greedy(camera: FisheyeCamera, known: _Views, candidates: _Views, room: int, least_motion: float) -> list[int]:
+def _greedy(camera: FisheyeCamera, so_far: _Views, candidates: _Views, room: int, least_motion: float) -> list[int]:
     """Take, one after the other, the candidate that most lowers the variances that are still largest.
 
     They are, each relative to its present value, those of E(θ) over the field and of every parameter.
     """
-    total = known.information.sum(axis=0)
+    total = so_far.information.sum(axis=0)
     sought = _sought(camera)
-    after = np.clip(np.searchsorted(known.images, candidates.images), 1, len(known.images) - 1)
+    after = np.clip(np.searchsorted(so_far.images, candidates.images), 1, len(so_far.images) - 1)
     fresh = np.ones(len(candidates.images), dtype=bool)
     for neighbour in (after - 1, after):
-        fresh &= _moved(candidates.pixels, known.pixels[neighbour], least_motion)
+        fresh &= _moved(candidates.pixels, so_far.pixels[neighbour], least_motion)
     taken: list[int] = []
     while len(taken) < room and fresh.any():
         gain = np.where(fresh, variance_reduction(candidates.information, total, sought), -1)

@@ -42,15 +42,15 @@ def view_information(camera: FisheyeCamera, points: np.ndarray, poses: np.ndarra
     return ViewInformation(np.where(inside[..., None], pixels, np.nan), information)
 
 
-def variance_reduction(information: np.ndarray, known: np.ndarray, sought: np.ndarray) -> np.ndarray:
+def variance_reduction(information: np.ndarray, so_far: np.ndarray, sought: np.ndarray) -> np.ndarray:
     """How much each view (F,) would lower the variances of what is sought, as shares of them, summed over it.
 
-    information (F, P, P): of the views; known M (P, P): so far; sought (Q, P): rows j, derivatives of what is sought
-    by the parameters. To first order a view with information N lowers a variance jᵀ M⁻¹ j by jᵀ M⁻¹ N M⁻¹ j (Fedorov,
-    Theory of Optimal Experiments, 1972).
+    information (F, P, P): of the views; so_far M (P, P): without them; sought (Q, P): rows j, derivatives of what
+    is sought by the parameters. To first order a view with information N lowers a variance jᵀ M⁻¹ j by
+    jᵀ M⁻¹ N M⁻¹ j (Fedorov, Theory of Optimal Experiments, 1972).
     """
-    scale = 1 / np.sqrt(np.maximum(np.diag(known), 1e-300))
-    covariance = np.linalg.inv(known * scale * scale[:, None] + 1e-9 * np.eye(len(known)))
+    scale = 1 / np.sqrt(np.maximum(np.diag(so_far), 1e-300))
+    covariance = np.linalg.inv(so_far * scale * scale[:, None] + 1e-9 * np.eye(len(so_far)))
     rows = sought * scale
     variance = np.einsum("qi,ij,qj->q", rows, covariance, rows)
     spread = (rows @ covariance) * scale / np.sqrt(np.maximum(variance, 1e-300))[:, None]

@@ -13,6 +13,7 @@ import numpy as np
 
 from fisheye_ep_calib.arrays import BoolArray
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rectification.projections import PROJECTIONS
 from fisheye_ep_calib.rectification.view import View
@@ -108,7 +109,7 @@ class DepthMaps:
 
 def _central(camera: FisheyeCamera) -> FisheyeCamera:
     """The camera for points at infinity, where a pupil shift has no effect."""
-    return replace(camera, model="kannala", coefficients=())
+    return replace(camera, model=CENTRAL_MODEL, coefficients=())
 
 
 def _project(camera: FisheyeCamera, points: np.ndarray) -> np.ndarray:

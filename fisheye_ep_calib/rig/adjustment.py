@@ -104,12 +104,12 @@ def evaluate_rig(problem: RigProblem, state: RigState) -> NormalEquations:
     cost, valid = 0.0, True
     for camera in range(len(problem.views)):
         columns = _columns(problem, camera)
-        for block, moments, found in _predictions(problem, state, camera, jacobian=True):
+        for block, moments, predicted in _predictions(problem, state, camera, jacobian=True):
             used = block.weights > 0
-            valid = valid and bool(found.valid[used].all())
-            system = _system(problem, state, camera, block, moments, found)
-            system = np.concatenate([system, (found.pixels - block.pixels)[:, None]], axis=1)
-            weights = np.where(found.valid, block.weights, 0.0)
+            valid = valid and bool(predicted.valid[used].all())
+            system = _system(problem, state, camera, block, moments, predicted)
+            system = np.concatenate([system, (predicted.pixels - block.pixels)[:, None]], axis=1)
+            weights = np.where(predicted.valid, block.weights, 0.0)
             square = (system[0, -1] ** 2 + system[1, -1] ** 2) * weights**2
             loss, factor = problem.loss.evaluate(square)
             cost += 0.5 * float(loss[used].sum())
@@ -125,8 +125,8 @@ def rig_residuals(problem: RigProblem, state: RigState) -> list[np.ndarray]:
     results = []
     for camera, views in enumerate(problem.views):
         result = np.full((len(views.observations.pixels), 2), np.nan)
-        for block, _, found in _predictions(problem, state, camera):
-            error = np.where(found.valid, found.pixels - block.pixels, np.nan)
+        for block, _, predicted in _predictions(problem, state, camera):
+            error = np.where(predicted.valid, predicted.pixels - block.pixels, np.nan)
             result[block.rows[block.real]] = error[:, block.real].T
         results.append(result)
     return results
@@ -140,7 +140,7 @@ def _predictions(problem: RigProblem, state: RigState, camera: int, jacobian: bo
     for block in views.blocks:
         moments = views.moments[block.views]
         poses = state.camera_from_reference[camera] @ state.reference_from_target[moments]
-        found = predict(
+        predicted = predict(
             model,
             problem.features,
             surface,
@@ -150,7 +150,7 @@ def _predictions(problem: RigProblem, state: RigState, camera: int, jacobian: bo
             jacobian,
             jacobian and problem.warp_free,
         )
-        yield block, moments, found
+        yield block, moments, predicted
 
 
 def _columns(problem: RigProblem, camera: int) -> np.ndarray:
@@ -166,20 +166,20 @@ def _columns(problem: RigProblem, camera: int) -> np.ndarray:
 
 
 def _system(
-    problem: RigProblem, state: RigState, camera: int, block: ViewBlock, moments: np.ndarray, found: Prediction
+    problem: RigProblem, state: RigState, camera: int, block: ViewBlock, moments: np.ndarray, predicted: Prediction
 ) -> np.ndarray:
     """∂pixels by everything a camera's views depend on, (2, Q, B, N), without the residual."""
-    turn, d_pose = state.camera_from_reference[camera, :3, :3], found.d_pose
+    turn, d_pose = state.camera_from_reference[camera, :3, :3], predicted.d_pose
     d_turn, d_shift = d_pose[:, :3], d_pose[:, 3:]
     parts = [np.einsum("caij,ab->cbij", d_turn, turn), np.einsum("caij,ab->cbij", d_shift, turn)]
     if camera > 0:
         middle = placed(state.reference_from_target[moments], problem.features.board.middle)
         arm = (middle @ turn.T).T[..., None]  # R s, (3, B, 1)
         parts += [d_turn + turn_jacobian(arm, d_shift), d_shift]
-    parts.append(found.d_camera[:, problem.views[camera].free])
+    parts.append(predicted.d_camera[:, problem.views[camera].free])
     if problem.warp_free:
-        fields = problem.shape.fields[:, : found.d_local.shape[1]][block.points]
-        parts.append(np.einsum("rlbn,bnlk->rkbn", found.d_local, fields, optimize=True))
+        fields = problem.shape.fields[:, : predicted.d_local.shape[1]][block.points]
+        parts.append(np.einsum("rlbn,bnlk->rkbn", predicted.d_local, fields, optimize=True))
     return np.concatenate(parts, axis=1)
 
 

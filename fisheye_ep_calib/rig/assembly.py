@@ -124,13 +124,13 @@ def _not_joined(
     pairs: dict[tuple[int, int], PairPose],
     moments: np.ndarray,
 ) -> str:
-    said = [
+    sentences = [
         contradiction(names[a], names[b], pose.views, pose.common)
         for (a, b), pose in found.items()
         if (a, b) not in pairs
     ]
-    if said:
-        return "; ".join(said[:3])
+    if sentences:
+        return "; ".join(sentences[:3])
     groups = [", ".join(names[camera] for camera in group) for group in components(list(pairs), len(names))]
     counts = [
         f"{names[a]} and {names[b]}: {int((moments[:, [a, b]] >= 0).all(axis=1).sum())}"

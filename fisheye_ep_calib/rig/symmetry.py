@@ -41,10 +41,10 @@ def symmetries(object_points: np.ndarray) -> tuple[Symmetry, ...]:
     """
     from scipy.spatial import cKDTree
 
-    found = list(no_symmetry(object_points))
+    turns = list(no_symmetry(object_points))
     frame = board_frame(object_points)
     if not frame.planar or len(object_points) < 2:
-        return tuple(found)
+        return tuple(turns)
     tree = cKDTree(object_points)
     spacing = tree.query(object_points, k=2)[0][:, 1].min()
     for quarters in (1, 2, 3):
@@ -55,5 +55,5 @@ def symmetries(object_points: np.ndarray) -> tuple[Symmetry, ...]:
         motion[:3, 3] = frame.middle - turn @ frame.middle
         distance, becomes = tree.query(object_points @ turn.T + motion[:3, 3])
         if distance.max() < _SAME * spacing and len(np.unique(becomes)) == len(becomes):
-            found.append(Symmetry(motion, becomes))
-    return tuple(found)
+            turns.append(Symmetry(motion, becomes))
+    return tuple(turns)

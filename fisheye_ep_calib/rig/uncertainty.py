@@ -21,17 +21,17 @@ def pose_covariance(
     problem holds fixed; None: taken as exact. With the information I on poses (r) and fixed parameters (c),
     Cov = σ² I_rr⁻¹ + J Σ_c Jᵀ, J = −I_rr⁻¹ I_rc.
     """
-    known = [
+    held = [
         (np.zeros_like(view.free) if covariance is None else (np.diag(covariance) > 0) & ~view.free)
         for view, covariance in zip(problem.views, camera_covariances, strict=True)
     ]
     opened = replace(
         problem,
-        views=tuple(replace(view, free=view.free | fixed) for view, fixed in zip(problem.views, known, strict=True)),
+        views=tuple(replace(view, free=view.free | fixed) for view, fixed in zip(problem.views, held, strict=True)),
     )
     information = reduced_information(evaluate_rig(opened, state))
     fixed_columns, covariances = [], []
-    for camera, (view, fixed) in enumerate(zip(opened.views, known, strict=True)):
+    for camera, (view, fixed) in enumerate(zip(opened.views, held, strict=True)):
         among_free = fixed[view.free]
         fixed_columns.append(opened.parameter_columns(camera)[among_free])
         given = camera_covariances[camera]

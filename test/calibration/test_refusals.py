@@ -198,7 +198,7 @@ def test_a_fit_that_did_not_converge_says_so(observations, monkeypatch) -> None:
         ("ep_even_target_axis", {}, "unknown model 'ep_even_target_axis'"),
         ("ep_even", {"loss": "Huber"}, "unknown loss 'Huber'; known: cut, huber"),
         ("ep_even", {"disc_centers": "centre"}, "unknown disc_centers 'centre'"),
-        ("ep_even", {"svp_distance": -1.0}, "svp-distance must be positive, not -1 m"),
+        ("ep_even", {"svp_distance": -1.0}, "`svp_distance` must be positive, not -1 m"),
         ("ep_even", {"svp_distance": np.nan}, "must be positive"),
         ("ep_even", {"terms": 9}, "takes 1 to 4 terms"),
     ],
@@ -209,7 +209,7 @@ def test_options_that_mean_nothing(observations, model, options, words) -> None:
 
 
 def test_a_stand_in_nearer_than_the_pupil_moves_is_refused(observations) -> None:
-    with pytest.raises(CalibrationError, match="choose a larger --svp-distance"):
+    with pytest.raises(CalibrationError, match="choose a larger `svp_distance`"):
         calibrate(observations, "ep_even", svp_distance=1e-6)
 
 

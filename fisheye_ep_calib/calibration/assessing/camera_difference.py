@@ -66,20 +66,20 @@ def camera_difference(
             f"{second.image_size[0]}×{second.image_size[1]} pixels and cannot be compared"
         )
     both = min(first.theta_max, second.theta_max)
-    pixels, theta, points, seen = points_over_image(replace(first, theta_max=both), distance_m, grid)
+    pixels, theta, points, visible = points_over_image(replace(first, theta_max=both), distance_m, grid)
     back, own, _, d_first = replace(first, theta_max=np.pi).project_with_jacobian(points)
     # Very near, a point may lie on the rays of several pixels.
-    seen &= own & (np.abs(np.where(own[..., None], back, np.inf) - pixels).max(axis=-1) < SAME_PIXEL)
+    visible &= own & (np.abs(np.where(own[..., None], back, np.inf) - pixels).max(axis=-1) < SAME_PIXEL)
     # A point may lie at a slightly larger angle for the second camera: the field was limited above.
     second = replace(second, theta_max=min(np.pi, both + 0.05))
     columns = {"none": 0, "rotation": 3, "rigid": 6}[alignment]
     if alignment == "rigid" and np.isinf(np.asarray(distance_m)).all():
         columns = 3  # a shift has no effect on points at infinity
-    turn, shift = _alignment(second, points, pixels, seen, columns)
+    turn, shift = _alignment(second, points, pixels, visible, columns)
     rotation = rotation_from_vector(turn)
     moved = points @ rotation.T + shift
     projected, reached, d_point, d_second = second.project_with_jacobian(moved)
-    used = seen & reached
+    used = visible & reached
     difference = np.where(used[..., None], projected - pixels, np.nan)
     gauge = (d_point @ motion_jacobian(moved))[used].reshape(-1, 6)[:, :columns]
     variance = np.zeros(int(used.sum()))
@@ -103,9 +103,9 @@ def points_over_image(
     pixels = np.stack([u.ravel(), v.ravel()], axis=-1)
     origins, directions, valid = camera.unproject(pixels)
     pixels, origins, directions = pixels[valid], origins[valid], directions[valid]
-    points, seen = points_on_rays(origins, directions, np.asarray(distance_m, dtype=float)[:, None])
+    points, visible = points_on_rays(origins, directions, np.asarray(distance_m, dtype=float)[:, None])
     theta = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
-    return pixels, theta, points, seen
+    return pixels, theta, points, visible
 
 
 def points_on_rays(
@@ -122,13 +122,13 @@ def points_on_rays(
     return origins + reach[..., None] * directions, (square > 0) & (reach > 0)
 
 
-def _alignment(camera, points, pixels, seen, columns: int) -> tuple[np.ndarray, np.ndarray]:
+def _alignment(camera, points, pixels, visible, columns: int) -> tuple[np.ndarray, np.ndarray]:
     """Rotation vector and shift of points (d, n, 3) by which a camera's pixels come nearest to those given."""
     rotation, shift = np.eye(3), np.zeros(3)
     for _ in range(_ITERATIONS if columns else 0):
         moved = points @ rotation.T + shift
         projected, reached, d_point, _ = camera.project_with_jacobian(moved)
-        used = seen & reached
+        used = visible & reached
         if 2 * used.sum() <= columns:
             break
         derivative = (d_point @ motion_jacobian(moved))[used].reshape(-1, 6)[:, :columns]

@@ -100,13 +100,14 @@ def diagnose(
 def _sighting_geometry(fit: Fit):
     """Incidence angle (rad), azimuth (rad) and distance from the camera (metres) of every sighting used."""
     used = fit.used
-    seen = azimuth_and_distance(fit.sightings.observations, fit.sightings.images, fit.state.camera_from_target, used)
-    return fit.residuals[1][used], *seen
+    observations, images = fit.sightings.observations, fit.sightings.images
+    azimuth, distance = azimuth_and_distance(observations, images, fit.state.camera_from_target, used)
+    return fit.residuals[1][used], azimuth, distance
 
 
 def _coverage(counts: np.ndarray, reachable: np.ndarray) -> Finding:
-    seen = (counts > 0) & reachable
-    share = seen.sum() / max(reachable.sum(), 1)
+    covered = (counts > 0) & reachable
+    share = covered.sum() / max(reachable.sum(), 1)
     missing = np.argwhere(reachable & (counts == 0))
     values = {"share_of_field": float(share), "rings": float(len(counts))}
     if len(missing) == 0:
@@ -140,20 +141,20 @@ def _depth(theta: np.ndarray, distance: np.ndarray) -> Finding:
 
 def _pupil_against_depth(fit: Fit) -> Finding:
     """Correlation of E near the rim with the mean t_z of the views; shared parameters and poses together."""
-    known = uncertainty(fit)
+    fit_uncertainty = uncertainty(fit)
     equations, camera = fit.settled, fit.state.camera
     inverse = np.linalg.inv(equations.pose)
     depth_row = -(inverse @ equations.mixed)[:, 5].mean(axis=0)
-    own = known.sigma_px**2 * inverse[:, 5, 5].sum() / len(inverse) ** 2
+    own = fit_uncertainty.sigma_px**2 * inverse[:, 5, 5].sum() / len(inverse) ** 2
     angle = 0.9 * fit.largest_angle
     names, _ = fit.shared_parameters
     row = np.zeros(len(names))
     basis = camera.pupil_family.basis(np.array(angle), len(camera.coefficients))
     row[[names.index(name) for name in pupil_names(len(basis))]] = basis
-    shared = known.shared
+    shared = fit_uncertainty.shared
     spread = np.sqrt((row @ shared @ row) * (depth_row @ shared @ depth_row + own))
     correlation = float(row @ shared @ depth_row / spread) if spread > 0 else 0.0
-    sigma = float(pupil_sigma(camera, known.covariance, np.array(angle)))
+    sigma = float(pupil_sigma(camera, fit_uncertainty.covariance, np.array(angle)))
     values = {"theta_deg": float(np.degrees(angle)), "correlation": correlation, "E_sigma_mm": 1e3 * sigma}
     told = f"E({np.degrees(angle):.0f}°) is known to {1e3 * sigma:.3f} mm and correlates {correlation:+.2f} with depth"
     concern = abs(correlation) > 0.95
@@ -181,14 +182,14 @@ def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
         half = refine(fit, fit.structure, of_images(fit.sightings, images))
         if not half.adjustment.converged:
             return None
-        seen = half.largest_angle
+        largest_angle = half.largest_angle
         try:
-            known = uncertainty(half)
+            half_uncertainty = uncertainty(half)
         except np.linalg.LinAlgError:  # half of the views leave something open
             return None
         # A model that fails makes residuals correlate within a view: that must not excuse it.
-        covariances.append(known.covariance / known.clustering)
-        cameras.append(replace(half.state.camera, theta_max=seen))
+        covariances.append(half_uncertainty.covariance / half_uncertainty.clustering)
+        cameras.append(replace(half.state.camera, theta_max=largest_angle))
     near, far = (float(np.median(mean[part])) for part in parts)
     difference = camera_difference(cameras[0], cameras[1], (np.inf,), (covariances[0], covariances[1]))
     return NearFarSplit(near, far, difference)

@@ -122,9 +122,9 @@ def _close_ups_refitted(problem: AdjustmentProblem, state: AdjustmentState, sigh
     start = replace(state, camera_from_target=state.camera_from_target[off])
     _, _, valid = residuals(problem, state, len(sightings.observations.pixels))
     visible = replace(sightings.observations, weights=np.where(valid, sightings.observations.weights, 0.0))
-    found = adjust(replace(problem, blocks=view_blocks(visible, part.images)), start).state.camera_from_target
+    refitted = adjust(replace(problem, blocks=view_blocks(visible, part.images)), start).state.camera_from_target
     poses = state.camera_from_target.copy()
-    poses[off] = found
+    poses[off] = refitted
     return replace(state, camera_from_target=poses)
 
 

@@ -21,22 +21,22 @@ from fisheye_ep_calib.camera.parameters import pupil_names
 _SAMPLES = 60  # angles
 
 
-def with_family_spread(known: Uncertainty, chosen: Fit, others: Sequence[Fit]) -> Uncertainty:
+def with_family_spread(own: Uncertainty, chosen: Fit, others: Sequence[Fit]) -> Uncertainty:
     """The chosen fit's uncertainty, widened by what other families, fitted to the same sightings, make of them."""
     theta = np.linspace(0, chosen.largest_angle, _SAMPLES + 1)[1:]
-    sigma = pupil_sigma(chosen.state.camera, known.covariance, theta)
+    sigma = pupil_sigma(chosen.state.camera, own.covariance, theta)
     if not (np.isfinite(sigma) & (sigma > 0)).all():
-        return known
+        return own
     fits = [chosen, *(fit for fit in others if fit is not chosen)]
-    weights = _weights(fits, known.clustering)
-    shared = known.shared.copy()
+    weights = _weights(fits, own.clustering)
+    shared = own.shared.copy()
     for weight, fit in zip(weights[1:], fits[1:], strict=True):
         step = _step(chosen, fit, theta, sigma)
         shared += weight * np.outer(step, step)
     free = np.flatnonzero(chosen.problem.free)
-    covariance = known.covariance.copy()
+    covariance = own.covariance.copy()
     covariance[np.ix_(free, free)] = shared[: len(free), : len(free)]
-    return replace(known, covariance=covariance, shared=shared)
+    return replace(own, covariance=covariance, shared=shared)
 
 
 def _weights(fits: Sequence[Fit], clustering: float) -> np.ndarray:

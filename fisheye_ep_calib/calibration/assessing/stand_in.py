@@ -69,8 +69,8 @@ def single_viewpoint(camera: FisheyeCamera, distance: float = np.inf) -> StandIn
         _, _, _, d_parameters = trial(values).project_with_jacobian(points)
         return d_parameters[..., free].reshape(-1, int(free.sum())) * scale
 
-    found = least_squares(error, start.parameters[free] / scale, jacobian, method="lm", xtol=1e-14, ftol=1e-14)
-    best = trial(found.x)
+    minimum = least_squares(error, start.parameters[free] / scale, jacobian, method="lm", xtol=1e-14, ftol=1e-14)
+    best = trial(minimum.x)
     if not any(best.radial):
         best = best.with_parameters(np.where(np.array(best.parameter_names) == "k1", _NOT_PINHOLE, best.parameters))
     losses = {}
@@ -104,9 +104,9 @@ def _points_over_image(camera: FisheyeCamera, distance: float) -> tuple[np.ndarr
     origins, directions, valid = camera.unproject(pixels)
     if np.isinf(distance):
         return pixels[valid], directions[valid]
-    points, seen = points_on_rays(origins, directions, np.asarray(distance))
+    points, reached = points_on_rays(origins, directions, np.asarray(distance))
     # Very near, several rays may pass through a point.
-    back, seen_back = camera.project(points)
+    back, projected = camera.project(points)
     with np.errstate(invalid="ignore"):
-        valid &= seen & seen_back & (np.abs(back - pixels).max(axis=-1) < SAME_PIXEL)
+        valid &= reached & projected & (np.abs(back - pixels).max(axis=-1) < SAME_PIXEL)
     return pixels[valid], points[valid]

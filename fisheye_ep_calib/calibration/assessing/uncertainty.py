@@ -66,14 +66,14 @@ def _gauge(fit: Fit) -> np.ndarray:
     surface, has_bow = fit.problem.shape.surface(fit.state.shape), fit.problem.bow_size > 0
     for block in fit.problem.blocks:
         poses = fit.state.camera_from_target[block.views]
-        found = predict(
+        predicted = predict(
             fit.state.camera, fit.problem.features, surface, poses, block, fit.problem.theta_limit, True, has_bow
         )
         # d_pose turns about the board's middle c; turning about the camera's origin adds c × ∂pixel/∂p.
-        columns = found.d_pose * block.weights
+        columns = predicted.d_pose * block.weights
         middle = placed(poses, fit.problem.features.board.middle).T[..., None]
         columns[:, :3] += turn_jacobian(middle, columns[:, 3:])
-        shared_columns = shared_jacobian(fit.problem, block, found) * block.weights
+        shared_columns = shared_jacobian(fit.problem, block, predicted) * block.weights
         motion += np.einsum("caij,cbij->ab", columns, columns, optimize=True)
         mixed += np.einsum("caij,cbij->ab", columns, shared_columns, optimize=True)
     return -solve_scaled(motion, mixed)
@@ -92,7 +92,7 @@ class ProjectionTable:
     sigma_px: np.ndarray
 
 
-def projection_table(camera: FisheyeCamera, known: Uncertainty, free: np.ndarray) -> ProjectionTable:
+def projection_table(camera: FisheyeCamera, uncertainty: Uncertainty, free: np.ndarray) -> ProjectionTable:
     """Projection uncertainty by angle and distance, RMS over eight azimuths."""
     degrees = np.arange(0, int(np.degrees(camera.theta_limit)) + 1, _TABLE_STEP)
     azimuth = np.radians(np.arange(0, 360, 45))
@@ -100,12 +100,12 @@ def projection_table(camera: FisheyeCamera, known: Uncertainty, free: np.ndarray
     theta, turn, distance = np.meshgrid(np.radians(degrees), azimuth, np.minimum(distances, FAR), indexing="ij")
     points = direction(theta, turn) * distance[..., None]
     points[..., 2] -= camera.entrance_pupil(theta)
-    sigma = projection_uncertainty(camera, known, free, points)
+    sigma = projection_uncertainty(camera, uncertainty, free, points)
     return ProjectionTable(degrees, distances, np.sqrt((sigma**2).mean(axis=1)))
 
 
 def projection_uncertainty(
-    camera: FisheyeCamera, known: Uncertainty, free: np.ndarray, points: np.ndarray
+    camera: FisheyeCamera, uncertainty: Uncertainty, free: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
     """Standard deviation (...), px per axis, of the pixels of points (..., 3) in the camera frame, metres.
 
@@ -114,7 +114,7 @@ def projection_uncertainty(
     """
     _, _, d_point, d_parameters = camera.project_with_jacobian(points)
     motion = d_point @ motion_jacobian(points)
-    columns = motion @ known.gauge
+    columns = motion @ uncertainty.gauge
     columns[..., : int(free.sum())] += d_parameters[..., free]
-    covariance = columns @ known.shared @ np.swapaxes(columns, -1, -2)
+    covariance = columns @ uncertainty.shared @ np.swapaxes(columns, -1, -2)
     return np.sqrt(np.maximum(0.5 * np.trace(covariance, axis1=-2, axis2=-1), 0.0))

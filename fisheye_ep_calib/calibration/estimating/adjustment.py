@@ -95,7 +95,7 @@ def evaluate(
     following = None if follow is None else problem.shape.local_change(follow)
     cost, valid = 0.0, True
     for block in problem.blocks:
-        found = predict(
+        predicted = predict(
             state.camera,
             problem.features,
             surface,
@@ -106,20 +106,20 @@ def evaluate(
             local_jacobian=bool(problem.bow_size or problem.shape_size or follow is not None),
         )
         used = block.weights > 0
-        valid = valid and bool(found.valid[used].all())
-        error = found.pixels - block.pixels
-        weights = np.where(found.valid, block.weights, 0.0)
+        valid = valid and bool(predicted.valid[used].all())
+        error = predicted.pixels - block.pixels
+        weights = np.where(predicted.valid, block.weights, 0.0)
         loss, factor = problem.loss.evaluate((error[0] ** 2 + error[1] ** 2) * weights**2)
         cost += 0.5 * float(loss[used].sum())
         weights *= factor
-        shared = shared_jacobian(problem, block, found)
+        shared = shared_jacobian(problem, block, predicted)
         if following is not None:
-            change = following[:, : found.d_local.shape[1]][block.points]
-            shared = shared + np.einsum("rlbn,bnlk->rkbn", found.d_local, change, optimize=True)
-        parts = [found.d_pose, shared, error[:, None]]
+            change = following[:, : predicted.d_local.shape[1]][block.points]
+            shared = shared + np.einsum("rlbn,bnlk->rkbn", predicted.d_local, change, optimize=True)
+        parts = [predicted.d_pose, shared, error[:, None]]
         hessian[block.views] = _products(parts, weights, columns)
         if collected:
-            collected.add(block, parts, found.d_local, weights)
+            collected.add(block, parts, predicted.d_local, weights)
     shape = collected.equations() if collected else None
     if shape and penalised:
         values, penalty = state.shape.vector, problem.shape.all_penalties
@@ -161,11 +161,11 @@ def residuals(problem: AdjustmentProblem, state: AdjustmentState, count: int):
     surface = problem.shape.surface(state.shape)
     for block in problem.blocks:
         poses = state.camera_from_target[block.views]
-        found = predict(state.camera, problem.features, surface, poses, block, problem.theta_limit)
+        predicted = predict(state.camera, problem.features, surface, poses, block, problem.theta_limit)
         rows = block.rows[block.real]
-        result[rows] = (found.pixels - block.pixels)[:, block.real].T
-        theta[rows] = found.theta[block.real]
-        valid[rows] = found.valid[block.real]
+        result[rows] = (predicted.pixels - block.pixels)[:, block.real].T
+        theta[rows] = predicted.theta[block.real]
+        valid[rows] = predicted.valid[block.real]
     return result, theta, valid
 
 
@@ -197,7 +197,7 @@ def adjust(
     # glibc gives large blocks back to the system as they are freed, so that every evaluation would fault its pages in
     # anew: half of the time. "Large" is what exceeds the largest block freed so far; this one is never touched.
     np.empty(_LARGEST_KEPT, dtype=np.uint8)
-    found = minimise(
+    minimum = minimise(
         lambda trial: evaluate(problem, trial),
         lambda current, step: stepped(problem, current, step),
         state,
@@ -206,4 +206,4 @@ def adjust(
         last_step,
         first_damping,
     )
-    return Adjustment(found.state, found.equations, found.iterations, found.converged)
+    return Adjustment(minimum.state, minimum.equations, minimum.iterations, minimum.converged)

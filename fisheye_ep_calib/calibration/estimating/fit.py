@@ -27,6 +27,7 @@ from fisheye_ep_calib.calibration.estimating.settled import settled_equations
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import LENS, Structure
+from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.frame import board_frame
@@ -274,7 +275,7 @@ def _first_fit(sightings: Sightings, lens: str, robust: bool, wide: bool = False
     guess = initial_guess(
         sightings.blocks, sightings.features.board, observations.image_size, len(sightings.images), robust, wide
     )
-    structure = Structure("kannala", lens=lens, skew=False)
+    structure = Structure(CENTRAL_MODEL, lens=lens, skew=False)
     camera = structure.camera(observations.image_size, guess.focal_lengths, guess.centre)
     state = AdjustmentState(camera, guess.camera_from_target, sightings.target.start())
     # Naive centres of discs serve well enough for a start.
@@ -284,9 +285,9 @@ def _first_fit(sightings: Sightings, lens: str, robust: bool, wide: bool = False
         return Fit(structure, sightings, problem, _roughly_adjusted(problem, state))
     for _ in range(3):
         problem = _cauchy(problem, state, observations)
-        found = _roughly_adjusted(problem, state)
-        state = found.state
-    return Fit(structure, sightings, problem, found)
+        adjustment = _roughly_adjusted(problem, state)
+        state = adjustment.state
+    return Fit(structure, sightings, problem, adjustment)
 
 
 def _roughly_adjusted(problem: AdjustmentProblem, state: AdjustmentState) -> Adjustment:

@@ -188,9 +188,9 @@ def view_clustering(equations: NormalEquations, variance: float) -> tuple[float,
     total = squares.sum(axis=0)
     cubes = float(np.einsum("vij,vji->", squares, shares))
     scatter = float(np.trace(total) - 2 * cubes + np.trace(total @ total))
-    found = float((scores * solve_scaled(information, scores.T).T).sum()) / max(variance, 1e-300)
+    observed = float((scores * solve_scaled(information, scores.T).T).sum()) / max(variance, 1e-300)
     expected = max(size - float(np.trace(total)), 1e-3 * size)
-    return found / expected, float(np.sqrt(2 * max(scatter, 0.0))) / expected
+    return observed / expected, float(np.sqrt(2 * max(scatter, 0.0))) / expected
 
 
 def _scores(equations: NormalEquations) -> np.ndarray:

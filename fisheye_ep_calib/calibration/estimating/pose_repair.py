@@ -65,8 +65,8 @@ def _started_again(fit: Fit) -> Fit:
     camera = replace(fit.state.camera, theta_max=fit.problem.theta_limit)
     state = replace(fit.state, camera_from_target=ray_poses(camera, fit.sightings))
     again = adjusted(fit.structure, fit.sightings, fit.problem, state)
-    found = again.adjustment.equations
-    return again if found.valid and found.cost < _BETTER * fit.adjustment.equations.cost else fit
+    equations = again.adjustment.equations
+    return again if equations.valid and equations.cost < _BETTER * fit.adjustment.equations.cost else fit
 
 
 def _better_poses(fit: Fit) -> np.ndarray | None:
@@ -86,12 +86,12 @@ def _better_poses(fit: Fit) -> np.ndarray | None:
     view = np.searchsorted(part.images, part.observations.image_index[rows])
     poses, least, any_better = fit.state.camera_from_target.copy(), _BETTER * square[looked_at], False
     for start in starts:
-        found = adjust(problem, replace(fit.state, camera_from_target=start), max_iterations=30, tolerance=1e-4)
-        _, _, valid = residuals(problem, found.state, len(part.observations.pixels))
-        seen = np.bincount(view, ~valid[rows], minlength=len(part.images)) == 0
-        explained = found.equations.by_view[:, -1, -1]
-        better = seen & (explained < least)
-        poses[looked_at[better]] = found.state.camera_from_target[better]
+        refitted = adjust(problem, replace(fit.state, camera_from_target=start), max_iterations=30, tolerance=1e-4)
+        _, _, valid = residuals(problem, refitted.state, len(part.observations.pixels))
+        visible = np.bincount(view, ~valid[rows], minlength=len(part.images)) == 0
+        explained = refitted.equations.by_view[:, -1, -1]
+        better = visible & (explained < least)
+        poses[looked_at[better]] = refitted.state.camera_from_target[better]
         least = np.where(better, explained, least)
         any_better |= bool(better.any())
     return poses if any_better else None

@@ -66,25 +66,25 @@ def predict(
     """Predict every sighting of a block. camera_from_target (B, 4, 4) belongs to the block's views."""
     points = np.ascontiguousarray(surface.points.T)[:, block.points]
     if features.disc_radius is None:
-        found = _predict_points(camera, features, camera_from_target, points, theta_limit, jacobian)
+        predicted = _predict_points(camera, features, camera_from_target, points, theta_limit, jacobian)
         if not local_jacobian:
-            return found
-        return replace(found, d_local=_turned(found.d_pose[:, 3:], camera_from_target))
+            return predicted
+        return replace(predicted, d_local=_turned(predicted.d_pose[:, 3:], camera_from_target))
     directions = boundary_directions(_BOUNDARY_SAMPLES)
     tangents = np.moveaxis(surface.tangents, -1, 0)[:, block.points]
     edge = features.disc_radius * np.einsum("ks,ibns->ikbn", directions, tangents)
-    found = _predict_points(camera, features, camera_from_target, points[:, None] + edge, theta_limit, jacobian)
-    pixels, d_samples = curve_centroid(found.pixels[0], found.pixels[1])
-    valid, theta = np.all(found.valid, axis=0), found.theta.mean(axis=0)
+    boundary = _predict_points(camera, features, camera_from_target, points[:, None] + edge, theta_limit, jacobian)
+    pixels, d_samples = curve_centroid(boundary.pixels[0], boundary.pixels[1])
+    valid, theta = np.all(boundary.valid, axis=0), boundary.theta.mean(axis=0)
     if not jacobian:
         return Prediction(pixels, valid, theta)
-    d_pose = _contract(d_samples, found.d_pose)
+    d_pose = _contract(d_samples, boundary.d_pose)
     d_local = not_computed()
     if local_jacobian:
         arms = features.disc_radius * directions.T[:, :, None, None]
-        parts = [d_pose[:, 3:], *(_contract(d_samples * arm, found.d_pose[:, 3:]) for arm in arms)]
+        parts = [d_pose[:, 3:], *(_contract(d_samples * arm, boundary.d_pose[:, 3:]) for arm in arms)]
         d_local = np.concatenate([_turned(part, camera_from_target) for part in parts], axis=1)
-    return Prediction(pixels, valid, theta, d_pose, _contract(d_samples, found.d_camera), d_local)
+    return Prediction(pixels, valid, theta, d_pose, _contract(d_samples, boundary.d_camera), d_local)
 
 
 def _turned(d_point: np.ndarray, camera_from_target: np.ndarray) -> np.ndarray:
@@ -109,20 +109,20 @@ def _predict_points(camera, features, camera_from_target, points, theta_limit, j
     x, y, z = rotated + camera_from_target[:, :3, 3].T.reshape(3, *[1] * (points.ndim - 3), -1, 1)
     if features.target_axis:
         normal = camera_from_target[:, :3, :3] @ features.board.axes[:, 2]
-        found, moved = project_along_target_axis(camera, x, y, z, normal.T, theta_limit, jacobian)
+        projected, moved = project_along_target_axis(camera, x, y, z, normal.T, theta_limit, jacobian)
         rotated = rotated + moved
     else:
-        found = project_coordinates(camera, x, y, z, theta_limit, jacobian)
-    pixels = np.stack([found.u, found.v])
+        projected = project_coordinates(camera, x, y, z, theta_limit, jacobian)
+    pixels = np.stack([projected.u, projected.v])
     if not jacobian:
-        return Prediction(pixels, found.valid, found.theta)
-    d_point = found.d_point
+        return Prediction(pixels, projected.valid, projected.theta)
+    d_point = projected.d_point
     middle = (camera_from_target[:, :3, :3] @ features.board.middle).T
     arms = rotated - middle.reshape(3, *[1] * (points.ndim - 3), -1, 1)
-    d_pose = np.empty((2, 6, *found.u.shape))
+    d_pose = np.empty((2, 6, *projected.u.shape))
     turn_jacobian(arms, d_point, out=d_pose[:, :3])
     d_pose[:, 3:] = d_point
-    return Prediction(pixels, found.valid, found.theta, d_pose, found.d_parameters)
+    return Prediction(pixels, projected.valid, projected.theta, d_pose, projected.d_parameters)
 
 
 def _rotated(rotation: np.ndarray, points: np.ndarray) -> np.ndarray:

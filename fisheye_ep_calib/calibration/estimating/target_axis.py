@@ -16,6 +16,7 @@ import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.projection import Projection, project_coordinates
+from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 
 _STEPS = 30
 
@@ -40,18 +41,18 @@ def project_along_target_axis(
             break
     shift = camera.entrance_pupil(theta)
     moved = start + shift * axis
-    central = replace(camera, model="kannala", coefficients=())
-    found = project_coordinates(central, moved[0], moved[1], moved[2], theta_limit, jacobian)
+    central = replace(camera, model=CENTRAL_MODEL, coefficients=())
+    projected = project_coordinates(central, moved[0], moved[1], moved[2], theta_limit, jacobian)
     if not jacobian:
-        return found, shift * axis
+        return projected, shift * axis
     slope = camera.entrance_pupil_derivative(theta)
     stretch = 1 / (1 - slope * _along(moved, axis))
-    along_axis = (found.d_point * axis).sum(axis=1)
+    along_axis = (projected.d_point * axis).sum(axis=1)
     angle_row = _angle_gradient(moved)
-    d_point = found.d_point + (along_axis * stretch * slope)[:, None] * angle_row
+    d_point = projected.d_point + (along_axis * stretch * slope)[:, None] * angle_row
     basis = camera.pupil_family.basis(theta, len(camera.coefficients))
-    d_parameters = np.concatenate([found.d_parameters, (along_axis * stretch)[:, None] * basis], axis=1)
-    return replace(found, d_point=d_point, d_parameters=d_parameters), shift * axis
+    d_parameters = np.concatenate([projected.d_parameters, (along_axis * stretch)[:, None] * basis], axis=1)
+    return replace(projected, d_point=d_point, d_parameters=d_parameters), shift * axis
 
 
 def _angle_gradient(point: np.ndarray) -> np.ndarray:

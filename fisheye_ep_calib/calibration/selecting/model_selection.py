@@ -11,6 +11,7 @@ from fisheye_ep_calib.calibration.selecting.cross_validation import CrossValidat
 from fisheye_ep_calib.calibration.selecting.nested_tests import first_step_test, nested_test
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
+from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 
 _FREER = f"lens {FREER_LENS}"
 _HOPELESS = 0.1  # p-value of the first step's test: the fit's own will not be a hundred times smaller
@@ -45,7 +46,7 @@ class Choice:
 
     @property
     def pupil_supported(self) -> bool:
-        return self.chosen is not self.candidates["kannala"]
+        return self.chosen is not self.candidates[CENTRAL_MODEL]
 
 
 def candidate(start: Fit, structure: Structure) -> Candidate:
@@ -57,10 +58,10 @@ def candidate(start: Fit, structure: Structure) -> Candidate:
 def side_by_side(fit: Fit) -> dict[str, Candidate]:
     """A named model's fit beside the single-viewpoint camera, or that beside an even pupil, everything else alike."""
     own = Candidate(fit, cross_validate(fit))
-    other = "ep_even" if fit.structure.model == "kannala" else "kannala"
+    other = "ep_even" if fit.structure.model == CENTRAL_MODEL else CENTRAL_MODEL
     beside = candidate(fit, replace(fit.structure, model=other, terms=None, target_axis=False))
     pair = {fit.structure.name: own, other: beside}
-    return {"kannala": pair["kannala"], **pair}
+    return {CENTRAL_MODEL: pair[CENTRAL_MODEL], **pair}
 
 
 def supported(rich: Candidate, plain: Candidate, significance: float = _SIGNIFICANCE) -> bool:
@@ -88,7 +89,7 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     best, each kept where a nested test and cross-validation agree; then all models are compared with what was kept.
     """
     fitted = {model: candidate(start, _with_model(base, model, base.terms)) for model in PUPIL_FAMILIES}
-    best = min(fitted.values(), key=lambda one: one.validation.mean_loss)
+    best = min(fitted.values(), key=lambda each: each.validation.mean_loss)
     structure = best.structure
     best, reasons = _with_additions(best, list(search.extras) + [_FREER] * search.lens)
     if search.skew and best.structure.skew:
@@ -110,7 +111,7 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     grown = {}
     if base.terms is None:
         grown = {name: _with_further_terms(fitted[name]) for name in pupils}
-        fitted |= {name: one for name, (one, _) in grown.items()}
+        fitted |= {name: each for name, (each, _) in grown.items()}
     chosen = _simplest_good(fitted, pupils)
     if chosen.structure.model in grown:
         reasons += grown[chosen.structure.model][1]
@@ -124,12 +125,12 @@ def _with_additions(best: Candidate, additions: list[str]) -> tuple[Candidate, l
         tests = {name: _tested(_with_addition(best.structure, name), best.fit) for name in additions}
         name, richer = _most_promising(tests)
         if richer is None or not supported(richer, best):
-            reasons += [_left_out(one, tests[one][0]) for one in additions if one != name]
+            reasons += [_left_out(each, tests[each][0]) for each in additions if each != name]
             reasons += [_reason(name, richer, best, False)] if richer else []
             break
         reasons.append(_reason(name, richer, best, True))
         best = richer
-        additions = [one for one in additions if one != name]
+        additions = [each for each in additions if each != name]
     return best, reasons
 
 
@@ -154,22 +155,22 @@ def _tested(structure: Structure, plain: Fit) -> tuple[float, Fit | None]:
     return nested_test(fit, plain), fit
 
 
-def _with_further_terms(one: Candidate) -> tuple[Candidate, list[str]]:
+def _with_further_terms(plain: Candidate) -> tuple[Candidate, list[str]]:
     """A pupil with as many terms as the data support; one more may tell little where two more tell much. The steps."""
     reasons = []
-    model, best = one.structure.model, one.fit
-    for terms in range(one.structure.pupil_terms + 1, PUPIL_FAMILIES[model].max_terms + 1):
-        chance, fit = _tested(replace(one.structure, terms=terms), best)
+    model, best = plain.structure.model, plain.fit
+    for terms in range(plain.structure.pupil_terms + 1, PUPIL_FAMILIES[model].max_terms + 1):
+        chance, fit = _tested(replace(plain.structure, terms=terms), best)
         if fit and chance < _FURTHER:
             best = fit
         else:
             reasons.append(_left_out(f"{terms} terms of {model}", chance))
-    if best is one.fit:
-        return one, reasons
+    if best is plain.fit:
+        return plain, reasons
     richer = Candidate(best, cross_validate(best))
-    kept = supported(richer, one, _FURTHER)
-    reasons.insert(0, _reason(f"{best.structure.pupil_terms} terms of {model}", richer, one, kept))
-    return (richer if kept else one), reasons
+    kept = supported(richer, plain, _FURTHER)
+    reasons.insert(0, _reason(f"{best.structure.pupil_terms} terms of {model}", richer, plain, kept))
+    return (richer if kept else plain), reasons
 
 
 def _with_model(structure: Structure, model: str, terms: int | None) -> Structure:
@@ -186,14 +187,14 @@ def _with_addition(structure: Structure, name: str) -> Structure:
 
 def supported_pupils(candidates: dict[str, Candidate]) -> list[str]:
     """Those of the pupil models that the data support against the single viewpoint; each is one of several trials."""
-    central = candidates["kannala"]
-    pupils = {name: one for name, one in candidates.items() if one is not central}
-    return [name for name, one in pupils.items() if supported(one, central, _SIGNIFICANCE / len(pupils))]
+    central = candidates[CENTRAL_MODEL]
+    pupils = {name: each for name, each in candidates.items() if each is not central}
+    return [name for name, each in pupils.items() if supported(each, central, _SIGNIFICANCE / len(pupils))]
 
 
 def with_needed_lens(candidates: dict[str, Candidate]) -> dict[str, Candidate]:
     """The same models, with a freer r(θ) where the data support it: what four terms leave of one passes for a pupil."""
-    best = min(candidates.values(), key=lambda one: one.validation.mean_loss)
+    best = min(candidates.values(), key=lambda each: each.validation.mean_loss)
     if best.structure.lens != LENS:
         return candidates
     _, fit = _tested(_with_addition(best.structure, _FREER), best.fit)
@@ -203,8 +204,8 @@ def with_needed_lens(candidates: dict[str, Candidate]) -> dict[str, Candidate]:
     if not supported(freer, best):
         return candidates
     return {
-        name: freer if one is best else candidate(one.fit, _with_addition(one.structure, _FREER))
-        for name, one in candidates.items()
+        name: freer if each is best else candidate(each.fit, _with_addition(each.structure, _FREER))
+        for name, each in candidates.items()
     }
 
 
@@ -214,11 +215,11 @@ def _simplest_good(candidates: dict[str, Candidate], pupils: list[str]) -> Candi
     Without one that is supported the single viewpoint.
     """
     if not pupils:
-        return candidates["kannala"]
-    found = [candidates[name] for name in pupils]
-    best = min(found, key=lambda one: one.validation.mean_loss)
-    good = [one for one in found if one is best or not best.clearly_better(one)]
-    return min(good, key=lambda one: (one.structure.parameter_count, one.validation.mean_loss))
+        return candidates[CENTRAL_MODEL]
+    supported_ones = [candidates[name] for name in pupils]
+    best = min(supported_ones, key=lambda each: each.validation.mean_loss)
+    good = [each for each in supported_ones if each is best or not best.clearly_better(each)]
+    return min(good, key=lambda each: (each.structure.parameter_count, each.validation.mean_loss))
 
 
 def _reason(name: str, richer: Candidate, plain: Candidate, kept: bool) -> str:

@@ -59,8 +59,8 @@ def first_step_test(structure: Structure, plain: Fit) -> float:
 def _wald_test(rich: Fit, plain: Fit) -> float:
     """p-value of the parameters that a plainer fit lacks, from the view-robust covariance."""
     names, values = rich.shared_parameters
-    known, _ = plain.shared_parameters
-    tested = [i for i, name in enumerate(names) if name not in known]
+    plain_names, _ = plain.shared_parameters
+    tested = [i for i, name in enumerate(names) if name not in plain_names]
     views = len(rich.sightings.images)
     try:
         covariance = unbiased_view_robust_covariance(rich.settled)[np.ix_(tested, tested)]

@@ -21,6 +21,7 @@ from fisheye_ep_calib.calibration.estimating.robust import Loss, robust_spread
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
+from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 from fisheye_ep_calib.target.shape.model import BOW, FLAT
 
 _LIMIT = 6.0  # σ per axis; a Gaussian residual exceeds it once in 65 million
@@ -132,7 +133,7 @@ def huber_fit(start: Fit, fit: Fit) -> Fit:
     best = repaired(refine(rough, rich, loss=Loss("cauchy", max(2 * spread, least))))
     spread = robust_spread(_lengths(best, fit.sightings.observations.weights)[_used(best)])
     loss = Loss("huber", _HUBER * max(spread, least))
-    return refine(best, Structure("kannala", lens=fit.structure.lens), replace(fit.sightings, loss=loss))
+    return refine(best, Structure(CENTRAL_MODEL, lens=fit.structure.lens), replace(fit.sightings, loss=loss))
 
 
 def _is_clean(fit: Fit) -> bool:
@@ -191,7 +192,7 @@ def _without_outliers(sightings: Sightings, structure: Structure, fit: Fit, rich
         )
         for row in np.flatnonzero(judged & ~keep)
     )
-    plain = fit if shaped else refine(fit, Structure("kannala", lens=structure.lens), kept)
+    plain = fit if shaped else refine(fit, Structure(CENTRAL_MODEL, lens=structure.lens), kept)
     return Screening(plain, rejected, tuple(sorted(wrong)))
 
 
@@ -215,6 +216,6 @@ def _wrong_views(observations, inside: np.ndarray, images: np.ndarray) -> set[in
     """Image numbers whose share of good sightings is too small."""
     used = observations.weights > 0
     size = int(observations.image_index.max()) + 1
-    seen = np.bincount(observations.image_index[used], minlength=size)
+    counted = np.bincount(observations.image_index[used], minlength=size)
     good = np.bincount(observations.image_index[inside], minlength=size)
-    return {int(image) for image in images if good[image] < _WORST_SHARE * seen[image]}
+    return {int(image) for image in images if good[image] < _WORST_SHARE * counted[image]}

@@ -16,14 +16,17 @@ from fisheye_ep_calib.camera.pupils.family import (
 from fisheye_ep_calib.camera.pupils.gennery import GENNERY
 from fisheye_ep_calib.camera.pupils.odd import ODD
 
+CENTRAL_MODEL = "kannala"  # what users and files call the pupil that does not move, after the lens
+
 PUPIL_FAMILIES: dict[str, PupilFamily] = {
-    "kannala": CENTRAL,
+    CENTRAL_MODEL: CENTRAL,
     "gennery": GENNERY,
     "ep_odd": ODD,
     "ep_even": EVEN,
 }
 
 __all__ = [
+    "CENTRAL_MODEL",
     "PUPIL_FAMILIES",
     "PupilFamily",
     "entrance_pupil",
