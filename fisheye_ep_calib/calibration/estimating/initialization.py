@@ -90,10 +90,10 @@ def _sample(blocks: tuple[ViewBlock, ...]):
     pixels, points, used = [], [], []
     for block, row in chosen:
         columns = np.flatnonzero(block.weights[row] > 0)
-        columns = columns[np.linspace(0, len(columns) - 1, _SAMPLE_POINTS).astype(int)]
+        columns = columns[np.arange(_SAMPLE_POINTS) * (len(columns) - 1) // (_SAMPLE_POINTS - 1)]
         pixels.append(block.pixels[:, row, columns])
         points.append(block.object_points[:, row, columns])
-        used.append(np.diff(columns, prepend=-1) > 0)
+        used.append(np.concatenate([[True], columns[1:] > columns[:-1]]))
     return np.stack(pixels, axis=1), np.stack(points, axis=1), np.stack(used)
 
 

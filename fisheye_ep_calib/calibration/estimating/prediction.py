@@ -128,5 +128,6 @@ def _predict_points(camera, features, camera_from_target, points, theta_limit, j
 def _rotated(rotation: np.ndarray, points: np.ndarray) -> np.ndarray:
     """R p (3, ..., B, N) of points (3, ..., B, N), one rotation (B, 3, 3) a view."""
     result = np.empty(points.shape)
-    np.matmul(rotation, np.moveaxis(points, 0, -2), out=np.moveaxis(result, 0, -2))
+    coordinate_inside = (*range(1, points.ndim - 1), 0, points.ndim - 1)
+    np.matmul(rotation, points.transpose(coordinate_inside), out=result.transpose(coordinate_inside))
     return result
