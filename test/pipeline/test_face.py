@@ -26,6 +26,7 @@ from fisheye_ep_calib import (
     calibrate_recording,
     compare,
     evaluate,
+    find_target,
     load_camera,
     load_target,
     open_recording,
@@ -260,3 +261,13 @@ def test_every_name_of_the_face_is_there():
     for name in fisheye_ep_calib.__all__:
         assert getattr(fisheye_ep_calib, name) is not None
     assert set(fisheye_ep_calib.__all__) <= set(dir(fisheye_ep_calib))
+
+
+def test_a_target_is_a_name_a_file_or_itself(images, tmp_path):
+    (tmp_path / "mine.yaml").write_text("type: circle_grid\ncolumns: 11\nrows: 7\nspacing: 0.012\nradius: 0.004\n")
+    targets = (TARGET, tmp_path / "mine.yaml", load_target(TARGET))
+    found = [find_target(images, target, workers=1)["front"] for target in targets]
+    assert found[0].view_count == 9
+    for other in found[1:]:
+        np.testing.assert_array_equal(other.pixels, found[0].pixels)
+        np.testing.assert_array_equal(other.object_points, found[0].object_points)
