@@ -159,7 +159,7 @@ def _calibrate_all(
     with CalibrationReports(folder, cameras, arguments) as collected:
         for camera, end in calibrate_cameras(cameras, look_again, arguments.model, arguments.passes, options=options):
             if isinstance(end, CalibratedCamera):
-                name = write_camera(folder, end)
+                name = write_camera(folder, end, end.seen)
                 reports[camera.name] = end.to_dict() | {"yaml": None if name is None else str(output / name)}
                 collected.add(end, reports[camera.name])
                 texts.append(calibration_text(camera, end))

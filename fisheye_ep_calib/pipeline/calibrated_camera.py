@@ -23,6 +23,7 @@ from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.pipeline.options import fit_options, refuse_unknown_options
 from fisheye_ep_calib.pipeline.page_of_words import words_html
+from fisheye_ep_calib.pipeline.writing import write_cameras
 
 if TYPE_CHECKING:
     from fisheye_ep_calib.report.data import CameraReport
@@ -76,9 +77,7 @@ class CalibratedCamera(CalibrationResult):
         Returns the camera file; None for the paper's equation as printed, which is no camera. Raises InputError where
         files of those names are there, unless ``overwrite``.
         """
-        from fisheye_ep_calib.pipeline.writing import write_cameras
-
-        return write_cameras(Path(folder), [self], overwrite=overwrite)[self.name]
+        return write_cameras(Path(folder), [(self, self.seen, self.to_dict())], overwrite=overwrite)[self.name]
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write one HTML page with all figures, and the images as far as they can still be read."""

@@ -48,7 +48,8 @@ class CalibratedCameras(Mapping[str, CalibratedCamera]):
     def write(self, folder: str | PathLike[str], *, overwrite: bool = False) -> dict[str, Path | None]:
         """``CalibratedCamera.write`` for all of them; returns camera name → camera file."""
         failed = {name: str(error) for name, error in self.failed.items()}
-        return write_cameras(Path(folder), list(self._results.values()), failed, overwrite=overwrite)
+        results = [(result, result.seen, result.to_dict()) for result in self._results.values()]
+        return write_cameras(Path(folder), results, failed, overwrite=overwrite)
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write one HTML page of all cameras."""

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.pipeline.calibrated_camera import CalibratedCamera
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
@@ -36,48 +36,50 @@ def write_observations(folder: Path, camera: CameraSource) -> None:
     save_observations(folder / observation_file(camera.name), camera.observations)
 
 
-def write_camera(folder: Path, result: CalibratedCamera) -> str | None:
+def write_camera(folder: Path, result: CalibrationResult, seen: CameraSource) -> str | None:
     """Write the observations, then the camera file; one that did not converge is marked by its name.
 
     Returns the camera file's name; None for the paper's equation as printed, which is no camera.
     """
-    write_observations(folder, result.seen)
+    write_observations(folder, seen)
     if result.fit.structure.target_axis:
         return None
-    name = f"{result.name}.yaml" if result.converged else f"{result.name}.not_converged.yaml"
-    save_camera(folder / name, result, result.name, result.seen.source)
+    name = f"{seen.name}.yaml" if result.converged else f"{seen.name}.not_converged.yaml"
+    save_camera(folder / name, result, seen.name, seen.source)
     return name
 
 
-def record_of(result: CalibratedCamera, content: Mapping[str, Any]) -> dict[str, Any]:
-    """A camera's part of calibration.json. content: of ``to_dict``."""
+def record_of(result: CalibrationResult, seen: CameraSource, content: Mapping[str, Any]) -> dict[str, Any]:
+    """A camera's part of calibration.json. content: of ``CalibratedCamera.to_dict``."""
     from fisheye_ep_calib.report.from_calibration import calibration_views
     from fisheye_ep_calib.report.record import per_view
 
-    views = calibration_views(result.observations, result)
-    return {**content, "inputs": result.seen.inputs(), "per_view": per_view(views)}
+    views = calibration_views(seen.observations, result)
+    return {**content, "inputs": seen.inputs(), "per_view": per_view(views)}
 
 
 def write_cameras(
     output: Path,
-    results: Sequence[CalibratedCamera],
+    results: Sequence[tuple[CalibrationResult, CameraSource, Mapping[str, Any]]],
     failed: Mapping[str, str] | None = None,
-    options: Mapping[str, Any] | None = None,
     *,
     overwrite: bool = False,
 ) -> dict[str, Path | None]:
-    """Write all files of these cameras to a folder, all or none; returns camera name → camera file."""
+    """Write all files of these cameras to a folder, all or none; returns camera name → camera file.
+
+    results: each with what the camera saw, and the content of ``CalibratedCamera.to_dict``.
+    """
     from fisheye_ep_calib.report.record import write_record
 
-    taken = [output / file for result in results for file in files_of(result.name)]
+    taken = [output / file for _, seen, _ in results for file in files_of(seen.name)]
     refuse_existing([output / RECORD, *taken], overwrite)
     files: dict[str, Path | None] = {}
     records = {}
     with results_folder(output) as folder:
-        for result in results:
-            name = write_camera(folder, result)
-            files[result.name] = None if name is None else output / name
+        for result, seen, content in results:
+            name = write_camera(folder, result, seen)
+            files[seen.name] = None if name is None else output / name
             yaml = None if name is None else str(output / name)
-            records[result.name] = record_of(result, result.to_dict() | {"yaml": yaml})
-        write_record(folder / RECORD, records, dict(failed or {}), dict(options or {}))
+            records[seen.name] = record_of(result, seen, {**content, "yaml": yaml})
+        write_record(folder / RECORD, records, dict(failed or {}), {})
     return files
