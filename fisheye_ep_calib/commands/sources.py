@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, Protocol
 
 from fisheye_ep_calib.collection.progress import ProgressBars
 from fisheye_ep_calib.errors import InputError
@@ -45,7 +46,13 @@ def add_looking_arguments(parser: argparse.ArgumentParser) -> None:
     add_worker_arguments(looking)
 
 
-def add_worker_arguments(looking: argparse._ArgumentGroup) -> None:
+class TakesArguments(Protocol):
+    """A parser, or a group of its arguments."""
+
+    def add_argument(self, *names: str, **options: Any) -> Any: ...
+
+
+def add_worker_arguments(looking: TakesArguments) -> None:
     """Who looks at the images, and how strictly."""
     looking.add_argument("--strict", action="store_true", help="refuse damaged recordings and images")
     looking.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
