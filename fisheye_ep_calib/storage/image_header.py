@@ -41,7 +41,7 @@ def declared_size(content: bytes | memoryview) -> tuple[int, int]:
 def _not_an_image(content: bytes | memoryview) -> str:
     if len(content) == 0:
         return "the compressed image is empty"
-    return f"the data is no image: neither {KINDS}".replace(" or ", " nor ")
+    return f"the data is neither {KINDS}".replace(" or ", " nor ")
 
 
 def _size(content: bytes | memoryview) -> tuple[int, int] | None:

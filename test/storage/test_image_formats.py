@@ -55,7 +55,7 @@ def test_a_pgm_with_comments_and_one_of_text(tmp_path):
     [
         (b"P5\n999999 999999\n255\n", "999999×999999"),
         (b"P5\n0 10\n255\n", "empty"),
-        (b"P5 what", "no image"),
+        (b"P5 what", "neither PNG"),
         (b"RIFF\x10\0\0\0WEBPVP8X\x0a\0\0\0\0\0\0\0" + b"\xff" * 6, "16777216×16777216"),
         (b"RIFF\x10\0\0\0WEBPABCD" + b"\0" * 20, "no image"),
         (b"RIFF\x10\0\0\0WEBPVP8 ", "cut short"),
