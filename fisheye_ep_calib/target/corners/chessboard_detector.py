@@ -6,12 +6,12 @@ import functools
 import logging
 from dataclasses import replace
 from types import ModuleType
+from typing import Protocol
 
 import cv2
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.target.boards.chessboard import Chessboard
 from fisheye_ep_calib.target.cells import is_regular, local_axes, local_bend, local_pitch, smooth
 from fisheye_ep_calib.target.corners.contrast import detect_stretched
 from fisheye_ep_calib.target.corners.growth import colour_parity, grow_corners
@@ -46,10 +46,25 @@ def _calib_targets() -> ModuleType | None:
     return calib_targets
 
 
+class InnerCorners(Protocol):
+    """What is looked for (boards/chessboard.py): points row by row, spacing and row_spacing in metres."""
+
+    @property
+    def object_points(self) -> np.ndarray: ...
+    @property
+    def columns(self) -> int: ...
+    @property
+    def rows(self) -> int: ...
+    @property
+    def spacing(self) -> float: ...
+    @property
+    def row_spacing(self) -> float: ...
+
+
 class ChessboardDetector:
     """Corners by calib-targets (partial boards) or OpenCV (whole boards), refined, completed, then labelled."""
 
-    def __init__(self, target: Chessboard) -> None:
+    def __init__(self, target: InnerCorners) -> None:
         self.target = target
         self.lattice = np.rint(target.object_points[:, :2] / [target.spacing, target.row_spacing]).astype(int)
         self.fewest = min(FEWEST_CORNERS, len(self.lattice))

@@ -111,12 +111,7 @@ def _fit(
     half: int,
 ) -> SaddleFit:
     """Corners with a window of the same size: ±half pixels along the edges' normals."""
-    steps = np.arange(-half, half + 1) / half
-    first, second = (grid.ravel() for grid in np.meshgrid(steps, steps))
-    inside = first**2 + second**2 <= 1.3
-    # Plane coordinates (k, n) of the samples: about a pixel apart.
-    s = np.minimum(half / reach[:, :1], 0.95) * first[inside]
-    t = np.minimum(half / reach[:, 1:], 0.95) * second[inside]
+    s, t = _samples(reach, half)
     x, y = s * reach[:, :1], t * reach[:, 1:]
     bent = 0.5 * np.einsum("kij,kjn->kin", bend, np.stack([s * s, 2 * s * t, t * t], axis=1))
     plane = np.stack([s, t], axis=1)
@@ -162,6 +157,17 @@ def _fit(
         tilt = np.clip(tilt + np.clip(pace[:, None] * change[:, 2:4], -0.1, 0.1), -0.3, 0.3)
         sigma = np.clip(sigma + np.clip(change[:, 4], -0.4, 0.4), 0.4, 0.5 * half + 0.5)
     return SaddleFit(center, contrast, residual, (step < 0.05) & (np.hypot(*(center - pixels).T) < 0.5 * half + 1))
+
+
+def _samples(reach: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
+    """Plane coordinates s, t (k, n) of a window's samples, about a pixel apart."""
+    steps = np.arange(-half, half + 1) / half
+    first, second = (grid.ravel() for grid in np.meshgrid(steps, steps))
+    inside = first**2 + second**2 <= 1.3
+    return (
+        np.minimum(half / reach[:, :1], 0.95) * first[inside],
+        np.minimum(half / reach[:, 1:], 0.95) * second[inside],
+    )
 
 
 def _between_normals(axes: np.ndarray) -> np.ndarray:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import cv2
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 from fisheye_ep_calib.target.cells import smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.discs.blobs import Blobs, discs_are_light, find_blobs
@@ -20,7 +20,7 @@ from fisheye_ep_calib.target.discs.lattice import FEWEST, Lattice, grow_lattices
 from fisheye_ep_calib.target.discs.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
 from fisheye_ep_calib.target.discs.measurement import Measurement, measure_discs
 from fisheye_ep_calib.target.expected_features import expect_discs, pose_columns, stays_smooth
-from fisheye_ep_calib.target.labelling import label_patch
+from fisheye_ep_calib.target.labelling import Placement, label_patch
 from fisheye_ep_calib.target.sharpness import why_not
 
 FEWEST_DISCS = 9  # of a view
@@ -46,10 +46,29 @@ class _Found:
     detection: Detection = Detection()
 
 
+class Discs(Protocol):
+    """What is looked for (boards/circle_grid.py): lengths in metres, lattice (n, 2) int, points that have a hole."""
+
+    @property
+    def object_points(self) -> np.ndarray: ...
+    @property
+    def lattice(self) -> np.ndarray: ...
+    @property
+    def turns(self) -> list[Placement]: ...
+    @property
+    def pitch(self) -> float: ...
+    @property
+    def disc_radius(self) -> float | None: ...
+    @property
+    def hole_radius(self) -> float: ...
+    @property
+    def holed(self) -> tuple[int, ...]: ...
+
+
 class CircleGridDetector:
     """Searches at about 700 pixels a side, measures at full resolution. Light discs are dark ones of the negative."""
 
-    def __init__(self, target: CircleGrid) -> None:
+    def __init__(self, target: Discs) -> None:
         self.target = target
         self.ratio = target.pitch / target.disc_radius if target.disc_radius else None
         self.gap_ratio = self.ratio or UNKNOWN_RATIO
