@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike
+from pathlib import Path
 
 import numpy as np
 
@@ -29,6 +31,8 @@ from fisheye_ep_calib.calibration.selecting.shape_choice import shape_predicts
 from fisheye_ep_calib.calibration.structure import LENS, Structure
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.target.registry import load_shape
+from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import BOW, FLAT, FREE
 
 AUTO = "auto"
@@ -47,6 +51,7 @@ class Options:
     """What the user may fix; None leaves it to ``auto``, or to the model's own default where a model is named.
 
     terms: of E(θ). lens: key of LENSES. skew, board_warp: whether each is estimated. extras: the same of LENS_EXTRAS.
+    board_shape: of BOARD_SHAPES, or one that was measured before and is held; ``of`` also takes a file that has it.
     disc_centers: "unbiased" predicts the centre of gravity of each projected disc, "naive" the image of its centre.
     loss: "cut" leaves out what lies beyond 6 σ of the richest model; "huber" keeps every sighting at less weight.
     svp_distance: metres, for which the single-viewpoint stand-in is fitted.
@@ -56,7 +61,7 @@ class Options:
     lens: str | None = None
     skew: bool | None = None
     board_warp: bool | None = None
-    board_shape: str | None = None
+    board_shape: str | BoardShape | None = None
     disc_centers: str = "unbiased"
     loss: str = "cut"
     svp_distance: float = np.inf
@@ -66,13 +71,15 @@ class Options:
     def of(**given) -> Options:
         """From keywords; the name of a lens extra is one too, such as ``tangential=True``."""
         extras = {name: given.pop(name) for name in LENS_EXTRAS if name in given}
+        shape = given.get("board_shape")
+        if isinstance(shape, str | PathLike) and shape not in BOARD_SHAPES:
+            given["board_shape"] = _shape_of_file(shape)
         return Options(**given, extras=extras)
 
     def __post_init__(self) -> None:
         known_values = (
             ("disc_centers", self.disc_centers, DISC_CENTERS),
             ("loss", self.loss, LOSSES),
-            ("board_shape", self.board_shape or FLAT, BOARD_SHAPES),
         )
         for name, value, known in known_values:
             if value not in known:
@@ -89,6 +96,7 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
     what the data support.
     """
     settings = Options.of(**options)
+    observations = _with_board(observations, settings)
     base = base_structure(settings, model)
     families = _JUDGES if model == AUTO else (base.model,)
     screened = _screened_fit(observations, settings, base, _wanted_shape(settings, model), families)
@@ -130,6 +138,7 @@ def rough_camera(observations: Observations, model: str = AUTO, **options) -> Ro
     sightings are left out. Raises CalibrationError, InputError.
     """
     settings = Options.of(**options)
+    observations = _with_board(observations, settings)
     screened = _screened_fit(observations, settings, base_structure(settings, model))
     fit = screened.fit
     _refuse_unexplained(fit)
@@ -250,11 +259,31 @@ def base_structure(settings: Options, model: str) -> Structure:
 
 def _wanted_shape(settings: Options, model: str) -> str:
     """The board's shape that the user asked for; a named model takes the board as it is, "auto" looks."""
+    if isinstance(settings.board_shape, BoardShape):
+        return FLAT
     if settings.board_shape is not None:
         return settings.board_shape
     if settings.board_warp is not None:
         return BOW if settings.board_warp else FLAT
     return AUTO if model == AUTO else FLAT
+
+
+def _shape_of_file(path: str | PathLike[str]) -> BoardShape:
+    if not Path(path).expanduser().exists():
+        raise InputError(
+            f"unknown board_shape {str(path)!r}; known: {', '.join(BOARD_SHAPES)}, or a file with a measured shape"
+        )
+    return load_shape(path)
+
+
+def _with_board(observations: Observations, settings: Options) -> Observations:
+    """The observations with the measured shape that the user gives, which must be one of this target."""
+    shape = settings.board_shape
+    if not isinstance(shape, BoardShape):
+        return observations
+    if not shape.same_target(observations.object_points):
+        raise InputError("the measured shape of `board_shape` belongs to another target than the observations")
+    return replace(observations, board=shape)
 
 
 def _open_questions(settings: Options) -> Search:

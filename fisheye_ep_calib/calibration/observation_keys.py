@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.target.shape.measured import BoardShape
+from fisheye_ep_calib.target.shape.model import FREE
 
 METRES_PER_UNIT = {"mm": 1e-3, "m": 1.0}
 REQUIRED = ("object_points", "unit", "image_index", "point_index", "pixels", "image_size")
-OPTIONAL = ("weights", "image_names", "split", "disc_radius")
+OPTIONAL = ("weights", "image_names", "split", "disc_radius", "board_deviation")
 _MOST_IMAGES = 10**6
 _LONGEST_SIDE = 65535
 
@@ -33,8 +35,9 @@ def checked_keys(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
             raise InputError("disc_radius must be one number")
         disc_radius = float(radius.reshape(())) * metres
     weights = arrays.get("weights")
+    object_points = _real_numbers("object_points", arrays["object_points"]) * metres
     return {
-        "object_points": _real_numbers("object_points", arrays["object_points"]) * metres,
+        "object_points": object_points,
         "image_index": image_index,
         "point_index": whole_numbers("point_index", _real_numbers("point_index", arrays["point_index"])),
         "pixels": _real_numbers("pixels", arrays["pixels"]),
@@ -43,7 +46,18 @@ def checked_keys(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
         "image_names": _texts("image_names", arrays.get("image_names")),
         "split": _texts("split", arrays.get("split")),
         "disc_radius": disc_radius,
+        "board": _board(arrays.get("board_deviation"), object_points, metres),
     }
+
+
+def _board(deviation: np.ndarray | None, object_points: np.ndarray, metres: float) -> BoardShape | None:
+    """The target's shape as it was measured before: what is to be added to its points."""
+    if deviation is None:
+        return None
+    rows = _real_numbers("board_deviation", deviation) * metres
+    if rows.shape != object_points.shape or not np.isfinite(rows).all():
+        raise InputError("board_deviation must be finite and have a row a point, as object_points")
+    return BoardShape(FREE, object_points, rows)
 
 
 def whole_numbers(name: str, values) -> np.ndarray:

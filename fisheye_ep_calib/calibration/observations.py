@@ -10,6 +10,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.observation_keys import OPTIONAL, REQUIRED, checked_keys, whole_numbers
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.npz_file import read_npz
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 _MOST_IMAGES = 10**7  # every number up to the largest gets a name
 
@@ -26,6 +27,7 @@ class Observations:
     image_names: one name an image (V of them).
     split: (V,) str such as "train" and "test", or None.
     disc_radius: metres, where the features are centres of gravity of projected discs; else None.
+    board: the target's shape where it was measured before.
     """
 
     object_points: np.ndarray
@@ -37,6 +39,7 @@ class Observations:
     image_names: tuple[str, ...]
     split: np.ndarray | None = None
     disc_radius: float | None = None
+    board: BoardShape | None = None
 
     @staticmethod
     def create(
@@ -49,6 +52,7 @@ class Observations:
         image_names=None,
         split=None,
         disc_radius: float | None = None,
+        board: BoardShape | None = None,
     ) -> Observations:
         """Validate, sort by image and fill in what is optional. Raises InputError."""
         # To the picometre, so that lengths given in mm and in m are the same numbers.
@@ -72,6 +76,8 @@ class Observations:
                 raise InputError("split must have one entry an image")
         if disc_radius is not None and not (np.isfinite(disc_radius) and disc_radius > 0):
             raise InputError("disc_radius must be positive")
+        if board is not None and not board.same_target(object_points):
+            raise InputError("the board's measured shape belongs to another target")
         order = np.argsort(image_index, kind="stable")
         return Observations(
             object_points,
@@ -83,6 +89,7 @@ class Observations:
             image_names,
             split,
             None if disc_radius is None else float(disc_radius),
+            board,
         )
 
     @staticmethod

@@ -168,7 +168,7 @@ class CalibrationResult:
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """What the recording could and could not tell, and what to record more of."""
-        return diagnose(self.fit, self.camera, self.observations.image_names, self.same_place)
+        return diagnose(self.fit, self.camera, self.observations.image_names, self.same_place, self.board)
 
     @cached_property
     def projection_table(self) -> ProjectionTable:

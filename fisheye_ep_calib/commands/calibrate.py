@@ -83,9 +83,10 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
         structure.add_argument(f"--{name.replace('_', '-')}", action=action, help=" ".join(extra.coefficient_names))
     structure.add_argument(
         "--board-shape",
-        choices=BOARD_SHAPES,
-        help="of the target: flat as its file has it; bow, three terms; free, by as much as the data say; auto, free "
-        "where other views are predicted better with it (default with --model auto, else flat)",
+        metavar="SHAPE",
+        help=f"of the target, {'|'.join(BOARD_SHAPES)}|FILE: flat as its file has it; bow, three terms; free, by as "
+        "much as the data say; auto, free where other views are predicted better with it (default with --model auto, "
+        "else flat); or a target or camera file with a shape that was measured before",
     )
     structure.add_argument("--board-warp", action=action, help="the same as --board-shape bow")
     structure.add_argument(

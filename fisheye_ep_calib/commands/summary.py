@@ -20,9 +20,8 @@ def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
         mark = "  ← chosen" if name == result.model else ""
         lines.append(f"  {name:<12}{one.rms_px:>9.4f}{one.cross_validated_rms_px:>13.4f}{one.parameters:>12}{mark}")
     lines += [f"  {reason}" for reason in result.reasons]
-    if np.any(result.board_warp):
-        bow = ", ".join(f"{1e3 * value:+.3f}" for value in result.board_warp)
-        lines.append(f"  board warp (x, y, twist): {bow} mm")
+    if result.board.bends:
+        lines.append(f"  the board: {result.board.sentence}")
     lines.append(f"  {pupil_sentence(result)}")
     lines += [f"  {'!' if one.concern else '·'} {one.title}: {one.sentence}" for one in result.diagnosis.findings]
     lines.append(f"  {loss_sentence(result)}")
@@ -38,7 +37,7 @@ def _not_used(camera: CameraSource, result: CalibrationResult) -> list[str]:
     if result.rejected:
         worst = max(result.rejected, key=lambda point: np.hypot(*point.residual))
         items.append(
-            f"{len(result.rejected)} points beyond 6 σ, the worst in {names[worst.view]}, point {worst.point}: "
+            f"{len(result.rejected)} points far off, the worst in {names[worst.view]}, point {worst.point}: "
             f"{np.hypot(*worst.residual):.2f} px"
         )
     return items

@@ -97,6 +97,7 @@ def second_look(
         first.pixels,
         camera.image_size,
         disc_radius=target.disc_radius,
+        board=target.shape,
     )
     try:
         guide, poses = where_to_look_again(camera, observations)

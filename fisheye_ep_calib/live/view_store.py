@@ -45,6 +45,7 @@ def observations_of(views: Sequence[View], target: Target, image_size: tuple[int
         image_size,
         image_names=[view.name for view in views],
         disc_radius=target.disc_radius,
+        board=target.shape,
     )
 
 

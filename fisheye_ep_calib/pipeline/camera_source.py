@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,8 @@ class CameraSource:
     """One camera's observations and where they came from.
 
     found: the observations, or why there are none. seconds: spent in "read" and "detect". unused_views: image name →
-    why it is no view. run: None for an observation file. target: its file or name, where it is known.
+    why it is no view. run: None for an observation file. target: its file or name, where it is known. target_keys: what
+    that file says.
     image: reads the image of that number, grey (h, w), as long as its file is there.
     """
 
@@ -39,6 +40,7 @@ class CameraSource:
     run: DetectionRun | None = None
     target: str = ""
     image: Callable[[int], np.ndarray] | None = None
+    target_keys: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def observations(self) -> Observations:
@@ -75,7 +77,7 @@ def source_of_run(
     _log.info("%s", run.summary())
     found: Observations | CalibrationError
     try:
-        found = run.observations(target.object_points, target.disc_radius)
+        found = replace(run.observations(target.object_points, target.disc_radius), board=target.shape)
     except CalibrationError as error:
         found = error
 
@@ -83,7 +85,7 @@ def source_of_run(
         return recording.frame(run.topic, run.views[number].index).image()
 
     seconds = {"read": opened + run.read_seconds, "detect": run.detect_seconds}
-    return CameraSource(name, found, source, seconds, run.unused, run, target_name, image)
+    return CameraSource(name, found, source, seconds, run.unused, run, target_name, image, target.keys)
 
 
 def sources_of_files(paths: list[Path], split: str | None = None) -> list[CameraSource]:

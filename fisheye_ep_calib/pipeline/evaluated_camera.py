@@ -21,6 +21,7 @@ from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
 from fisheye_ep_calib.pipeline.page_of_words import words_html
 from fisheye_ep_calib.storage.camera_file import CameraFile
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 if TYPE_CHECKING:
     from fisheye_ep_calib.report.data import CameraReport
@@ -73,7 +74,7 @@ class EvaluatedCamera(Evaluation):
 
         inputs = {"camera file": self.path} if self.path else {}
         inputs |= inputs_in_words(self.seen.inputs())
-        inputs["target's bow"] = "taken as flat" if self.flat else "as in the camera file"
+        inputs["target's shape"] = "taken as flat" if self.flat else "as measured when the camera was calibrated"
         inputs |= {f"calibration: {key}": str(value) for key, value in self.known.calibration.items()}
         return evaluation_report(
             self.known.name,
@@ -115,12 +116,22 @@ def evaluate(
     """Measure a camera on observations: every view's pose is refitted, the camera stays as it is.
 
     camera: a camera alone, a calibration, a camera file or its path; what the last three know of their noise tells
-    what is to be expected. board_warp: bend the target as the calibration found it bent.
+    what is to be expected. The target has the shape that the calibration found where it is the same target, and the
+    observations do not bring one. board_warp: give it the bow alone that was found.
     """
     known = known_camera(camera)
     seen = CameraSource("camera", observations) if isinstance(observations, Observations) else observations
     warp = known.board_warp if board_warp else None
-    found = evaluate_camera(known.camera, seen.observations, warp, disc_centers)
+    board = None if board_warp else _board_for(known, seen.observations)
+    found = evaluate_camera(known.camera, seen.observations, warp, disc_centers, board)
     values = {field.name: getattr(found, field.name) for field in fields(found)}
     path = str(camera) if isinstance(camera, str | PathLike) else ""
-    return EvaluatedCamera(**values, known=known, seen=seen, flat=not board_warp, path=path)
+    return EvaluatedCamera(**values, known=known, seen=seen, flat=board is None and not board_warp, path=path)
+
+
+def _board_for(known: CameraFile, observations: Observations) -> BoardShape | None:
+    """The target's shape: as the observations have it, or as it was when the camera was calibrated with this target."""
+    if observations.board is not None:
+        return observations.board
+    board = known.board
+    return board if board is not None and board.bends and board.same_target(observations.object_points) else None

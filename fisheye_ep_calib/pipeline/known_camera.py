@@ -43,4 +43,5 @@ def _of_result(result: CalibrationResult) -> CameraFile:
             "distance_m": table.distance_m.tolist(),
             "sigma_px": table.sigma_px.tolist(),
         },
+        result.board,
     )

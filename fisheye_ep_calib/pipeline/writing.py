@@ -12,6 +12,7 @@ from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.results_folder import results_folder
+from fisheye_ep_calib.storage.target_file import save_target
 
 PAGE, RECORD = "report.html", "calibration.json"
 
@@ -25,11 +26,15 @@ def refuse_existing(paths: Sequence[Path | None], overwrite: bool) -> None:
 
 def files_of(name: str) -> tuple[str, ...]:
     """The files that a camera of that name may get, beside those of all cameras."""
-    return f"{name}.yaml", f"{name}.not_converged.yaml", observation_file(name)
+    return f"{name}.yaml", f"{name}.not_converged.yaml", observation_file(name), board_file(name)
 
 
 def observation_file(name: str) -> str:
     return f"observations/{name}.npz"
+
+
+def board_file(name: str) -> str:
+    return f"boards/{name}.yaml"
 
 
 def write_observations(folder: Path, camera: CameraSource) -> None:
@@ -46,6 +51,8 @@ def write_camera(folder: Path, result: CalibrationResult, seen: CameraSource) ->
         return None
     name = f"{seen.name}.yaml" if result.converged else f"{seen.name}.not_converged.yaml"
     save_camera(folder / name, result, seen.name, seen.source)
+    if seen.target_keys and result.board.bends:
+        save_target(folder / board_file(seen.name), seen.target_keys, result.board)
     return name
 
 

@@ -111,8 +111,8 @@ def _facts(result: CalibrationResult) -> dict[str, str]:
         "points": f"{result.points}",
         "field seen": f"{np.degrees(result.camera.theta_max):.0f}° off the axis",
     }
-    if np.any(result.board_warp):
-        facts["target's bow"] = ", ".join(f"{1e3 * value:+.2f}" for value in result.board_warp) + " mm"
+    if result.board.bends:
+        facts["target"] = result.board.sentence
     return facts
 
 

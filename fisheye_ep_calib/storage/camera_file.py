@@ -23,6 +23,8 @@ from fisheye_ep_calib.camera.parameters import PIXEL_NAMES
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
+from fisheye_ep_calib.target.shape.content import board_content, parse_board
+from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.version import __version__
 from fisheye_ep_calib.yaml_file import read_yaml
 
@@ -37,7 +39,8 @@ class CameraFile:
     """What a camera file says. covariance (P, P): of camera.parameters, zero where unknown or fixed.
 
     stand_in: the camera of the top level. stand_in_distance: metres. stand_in_loss_px: by distance in metres.
-    board_warp (3,): metres. calibration: the other facts about how it was made.
+    board_warp (3,): metres. board: the shape of the target that the camera was calibrated with. calibration: the other
+    facts about how it was made.
     projection_uncertainty: theta_deg, distance_m and the rows sigma_px; empty where unknown.
     """
 
@@ -50,6 +53,7 @@ class CameraFile:
     board_warp: np.ndarray = field(default_factory=lambda: np.zeros(len(WARP_NAMES)))
     calibration: dict[str, Any] = field(default_factory=dict[str, Any])
     projection_uncertainty: dict[str, Any] = field(default_factory=dict[str, Any])
+    board: BoardShape | None = None
 
 
 def save_camera(
@@ -118,11 +122,18 @@ def _calibrated(result: CalibrationResult, source: str) -> dict[str, Any]:
             "entrance_pupil_supported": result.entrance_pupil_supported,
             "converged": result.converged,
             "board_warp": _floats(result.board_warp),
+            "board": _board_content(result),
             "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
             "source": str(source),
             "software": f"fisheye_ep_calib {__version__}",
         },
     }
+
+
+def _board_content(result: CalibrationResult) -> dict[str, Any]:
+    """The target's geometry and its shape as it was measured."""
+    radius = result.fit.sightings.observations.disc_radius
+    return {**board_content(result.board), **({} if radius is None else {"disc_radius": float(radius)})}
 
 
 def _projection_uncertainty(result: CalibrationResult) -> dict[str, Any]:
@@ -193,7 +204,8 @@ def _camera_file(content: dict[str, Any]) -> CameraFile:
         float(block.get("theta_max", np.pi)),
     )
     svp = block.get("svp", {})
-    calibration = {str(key): _fact(f"calibration: {key}", value) for key, value in _facts(block).items()}
+    facts = _facts(block)
+    calibration = {str(key): _fact(f"calibration: {key}", value) for key, value in facts.items() if key != "board"}
     return CameraFile(
         name,
         camera,
@@ -204,6 +216,7 @@ def _camera_file(content: dict[str, Any]) -> CameraFile:
         _board_warp(calibration.get("board_warp", ())),
         calibration,
         _checked_table(block.get("projection_uncertainty", {})),
+        None if facts.get("board") is None else parse_board(facts["board"]),
     )
 
 

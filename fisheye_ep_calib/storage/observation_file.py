@@ -33,6 +33,8 @@ def save_observations(path: str | PathLike[str], observations: Observations) -> 
         arrays["split"] = np.asarray(observations.split, dtype=np.str_)
     if observations.disc_radius is not None:
         arrays["disc_radius"] = np.array(observations.disc_radius)
+    if observations.board is not None:
+        arrays["board_deviation"] = observations.board.deviation
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     atomic_write(path, buffer.getvalue())

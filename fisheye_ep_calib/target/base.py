@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from fisheye_ep_calib.target.detection import Detector
 from fisheye_ep_calib.target.schema import Keys
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 
 def _no_discs() -> np.ndarray:
@@ -39,12 +42,15 @@ class Target:
 
     name: the file's name, or what the file says. object_points (n, 3): metres, z = 0; x to the right and y
     down as one looks at the print, or up where ``y_up``. disc_radius: metres where the
-    features are the centres of gravity of projected discs, else None.
+    features are the centres of gravity of projected discs, else None. shape: as it was measured before, where the
+    file says so. keys: of the file that the target was read from, without its shape.
     """
 
     name: str
     object_points: np.ndarray
     disc_radius: float | None
+    shape: BoardShape | None = field(default=None, kw_only=True)
+    keys: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
 
     kind = "target"  # the file's ``type``
     y_up = False  # as one looks at the print

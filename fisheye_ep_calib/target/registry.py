@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -12,9 +13,12 @@ from fisheye_ep_calib.target.boards.charuco import Charuco
 from fisheye_ep_calib.target.boards.chessboard import Chessboard
 from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
 from fisheye_ep_calib.target.schema import Keys
+from fisheye_ep_calib.target.shape.content import parse_board, parse_shape
+from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shipped import find_target_file, shipped_files
 from fisheye_ep_calib.yaml_file import read_yaml
 
+SHAPE = "shape"  # the key of every kind of target for a shape that was measured (shape/content.py)
 TARGETS: dict[str, type[Target]] = {kind.kind: kind for kind in (CircleGrid, Chessboard, Charuco, AprilGrid)}
 
 
@@ -32,11 +36,28 @@ def load_target(path: str | PathLike[str] | Target) -> Target:
     return parse_target(read_yaml(path, "target"), str(path), path.stem)
 
 
+def load_shape(path: str | PathLike[str]) -> BoardShape:
+    """The measured shape that a target file or a camera file holds. Raises InputError in one line."""
+    path = find_target_file(Path(path).expanduser())
+    values = read_yaml(path, "target")
+    try:
+        camera = values.get("entrance_pupil") if isinstance(values, dict) else None
+        if isinstance(camera, dict):
+            return parse_board((camera.get("calibration") or {}).get("board"))
+        shape = parse_target(values, str(path), path.stem).shape
+    except (InputError, AttributeError) as error:
+        raise InputError(f"{path}: {error}") from None
+    if shape is None:
+        raise InputError(f"{path} has no key {SHAPE}: no shape was measured")
+    return shape
+
+
 def parse_target(values: object, source: str = "target", name: str = "target") -> Target:
     """Make a target from a target file's keys. ``source`` leads the error messages."""
     if not isinstance(values, dict):
         raise InputError(f"{source}: a target file is a list of keys and values, such as 'type: circle_grid'")
-    keys = Keys(values, source)
+    own = {key: value for key, value in values.items() if key != SHAPE}
+    keys = Keys(own, source)
     if "type" in keys and "target_type" in keys:
         raise InputError(f"{source}: give type (this project's keys) or target_type (Kalibr's), not both")
     if "target_type" in keys:
@@ -50,7 +71,13 @@ def parse_target(values: object, source: str = "target", name: str = "target") -
     kind = next((name for name in known if isinstance(chosen, str) and same_kind(name, chosen)), None)
     if kind is None:
         raise InputError(f"{source}: unknown type {chosen!r}; known: {', '.join(known)}")
-    return known[kind](keys, name)
+    target = replace(known[kind](keys, name), keys=own)
+    if values.get(SHAPE) is None:
+        return target
+    try:
+        return replace(target, shape=parse_shape(values[SHAPE], target.object_points))
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
 
 
 def same_kind(one: str, other: str) -> bool:

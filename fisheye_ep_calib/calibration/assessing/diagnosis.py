@@ -11,41 +11,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.assessing.board_findings import board_bent, board_scale
 from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference, camera_difference
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
+from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.assessing.two_cameras import PARAMETERS, two_cameras
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, of_images, refine
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.camera.parameters import pupil_names
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 RING_DEGREES = 15
 SECTORS = len(SECTOR_NAMES)
-_TITLES = {
-    "depth": "depth at large angles",
-    "near_far": "near/far split",
-    "correlated_residuals": "residuals correlated within a view",
-}
 _FEW_VIEWS = 8  # below which a view more or less changes the camera beyond its bands
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One measured property of the recording. name: as programs know it. values: numbers by name, unit in the name.
-
-    concern: whether it limits the calibration. sentence: what it means and what to record more of.
-    """
-
-    name: str
-    values: dict[str, float]
-    concern: bool
-    sentence: str
-
-    @property
-    def title(self) -> str:
-        """The name as a person reads it."""
-        return _TITLES.get(self.name, self.name.replace("_", " "))
 
 
 @dataclass(frozen=True)
@@ -75,9 +55,16 @@ class Diagnosis:
 
 
 def diagnose(
-    fit: Fit, camera: FisheyeCamera, names: tuple[str, ...], same_place: Mapping[int, tuple[int, ...]] | None = None
+    fit: Fit,
+    camera: FisheyeCamera,
+    names: tuple[str, ...],
+    same_place: Mapping[int, tuple[int, ...]] | None = None,
+    board: BoardShape | None = None,
 ) -> Diagnosis:
-    """camera: the fitted one with its theta_max. names: of the images. same_place: view → images it stands for."""
+    """camera: the fitted one with its theta_max. names: of the images. same_place: view → images it stands for.
+
+    board: the target's shape as the fit found it.
+    """
     theta, azimuth, distance = _sighting_geometry(fit)
     counts = coverage(theta, azimuth, RING_DEGREES, SECTORS)
     in_image = reachable(camera, len(counts), RING_DEGREES, SECTORS)
@@ -93,6 +80,7 @@ def diagnose(
         *_copies(len(fit.sightings.images), same_place or {}),
         *_two_cameras(fit, names),
         _few_views(len(fit.sightings.images)),
+        *(() if board is None else (board_bent(board), board_scale(board))),
     ]
     return Diagnosis(counts, in_image, view_rms, split, tuple(findings))
 

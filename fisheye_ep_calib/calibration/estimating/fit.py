@@ -201,7 +201,8 @@ def sightings_of(observations: Observations, disc_centers: str = "unbiased") -> 
     images = _images_with_points(observations)
     radius = observations.disc_radius if disc_centers == "unbiased" else None
     features = FeatureModel(board_frame(observations.object_points), radius)
-    target = flat_model(observations.object_points)
+    board = observations.board
+    target = flat_model(observations.object_points, None if board is None else board.local)
     return Sightings(observations, images, view_blocks(observations, images), features, target)
 
 

@@ -11,7 +11,7 @@ from fisheye_ep_calib.calibration.estimating.robust import Loss
 from fisheye_ep_calib.calibration.estimating.shape_posterior import Linearisation
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
-from fisheye_ep_calib.target.shape.model import FREE, GROUPS, free_model, with_variances
+from fisheye_ep_calib.target.shape.model import FLAT, FREE, GROUPS, free_model, with_variances
 from fisheye_ep_calib.target.shape.variances import Posterior, Variances, backward, gain_over_none, most_likely, none
 
 _START_SMOOTH, _START_ROUGH = 1e-4, 2e-5  # τ, metres
@@ -38,7 +38,10 @@ def with_estimated_shape(
     space = free_model(sightings.target, _seen(sightings))
     fit, variances = start, start.problem.shape.variances
     for _ in range(_ROUNDS):
-        found = _variances(fit, structure, replace(sightings, free=space), loss, variances)
+        try:
+            found = _variances(fit, structure, replace(sightings, free=space), loss, variances)
+        except np.linalg.LinAlgError:  # a fit so far off that it says nothing
+            return refine(fit, replace(rich, board_shape=FLAT), sightings, loss, tolerance=_CLOSE)
         free = with_variances(space, *found)
         settled = variances is not None and _close(found[0], variances)
         variances = found[0]

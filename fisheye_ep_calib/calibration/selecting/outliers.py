@@ -31,6 +31,7 @@ _QUANTILE = 0.75
 _WORST_SHARE = 0.5  # of a view's points: beyond it the whole view is wrong
 _SUSPICIOUS = 1.0  # px RMS; a worse fit may have been dragged off by errors that it no longer shows
 _ROUNDS = 8
+_DRAGGED = 20.0  # px RMS: no board bends as much
 _FEW, _FAR = 0.01, 50.0  # share of the sightings, and σ: fewer and nearer ones do not move a fit that is otherwise good
 _HUBER_ROUNDS = 2
 _ROUGH = 1e-6  # tolerance of fits of which one goes on
@@ -116,11 +117,12 @@ def screen_with_shape(fit: Fit, families: Sequence[str]) -> Screening:
     plain = min(
         (refine(fit, rich, tolerance=_ROUGH) for rich in richest), key=lambda one: one.adjustment.equations.cost
     )
-    shaped = with_estimated_shape(plain, plain.structure)
-    if _is_clean(shaped):
-        return Screening(shaped, (), ())
-    if _is_nearly_clean(shaped):
-        return _without_outliers(fit.sightings, fit.structure, shaped, plain.structure, shaped=True)
+    if plain.rms_px < _DRAGGED * fit.sightings.usual_weight:
+        shaped = with_estimated_shape(plain, plain.structure)
+        if _is_clean(shaped):
+            return Screening(shaped, (), ())
+        if _is_nearly_clean(shaped):
+            return _without_outliers(fit.sightings, fit.structure, shaped, plain.structure, shaped=True)
     return _screen_robustly(fit.sightings, fit.structure, plain.structure, shaped=True)
 
 

@@ -46,6 +46,11 @@ class BoardShape:
         """Where the points are (n, 3), metres."""
         return self.object_points + self.deviation
 
+    @property
+    def bends(self) -> bool:
+        """Whether any point departs from its file."""
+        return bool(np.any(self.deviation))
+
     def same_target(self, object_points: np.ndarray) -> bool:
         """Whether points (n, 3) of a file are those of this target's file."""
         return self.object_points.shape == object_points.shape and bool(
@@ -109,6 +114,15 @@ class BoardShape:
         moved = self.in_board_axes[:, :2]
         stretch = (position * moved).sum(axis=0) / np.maximum((position**2).sum(axis=0), 1e-300)
         return 100 * float(stretch[0] - stretch[1])
+
+    @property
+    def aspect_sigma_percent(self) -> float:
+        """Standard deviation of ``aspect_percent`` were points' errors independent; 0 where it is not known."""
+        if self.sigma is None:
+            return 0.0
+        position = self.frame.local(self.object_points)[:, :2]
+        square = ((position - position.mean(axis=0)) ** 2).sum(axis=0)
+        return 100 * float(np.sqrt((np.mean(self.sigma**2) / np.maximum(square, 1e-300)).sum()))
 
     @property
     def sentence(self) -> str:
