@@ -38,7 +38,7 @@ MIN_POINTS = 4  # sightings a view needs for its pose
 _ON_A_LINE = 1e-6  # variance of a view's points across, over that along; such a view may turn about its line
 _AT_THE_LIMIT = 0.98  # of the largest angle allowed: a fit that comes so near may be held there
 _FAR_OFF = 1e-3  # of the image: a median residual above it lets other first guesses be tried
-_CLOSE = 1e-8  # tolerance of a fit with many unknowns: parameters are within a hundredth of their σ
+_CLOSE = 1e-6  # tolerance of a fit with many unknowns; the step that falls below it is taken, which leaves far less
 _SURE = 3.0  # standard errors beyond which residuals are taken to hang together
 _ROUGH = 1e-2  # tolerance of the stage that only serves as a start
 

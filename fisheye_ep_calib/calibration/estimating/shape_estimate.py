@@ -25,19 +25,23 @@ _CLOSE = 1e-5  # tolerance of a fit that the next round refines
 
 
 def with_estimated_shape(
-    start: Fit, rich: Structure, sightings: Sightings | None = None, loss: Loss | None = None
+    start: Fit,
+    rich: Structure,
+    sightings: Sightings | None = None,
+    loss: Loss | None = None,
+    rounds: int = _ROUNDS,
 ) -> Fit:
     """A rich structure fitted with the target's shape free, the sightings knowing the variances.
 
     start: any fit of these images; where its shape is free, its variances are near. sightings, loss: default to the
     start's and to theirs. The structure's ``board_shape`` does not matter. A shape of which the data say nothing is
-    left out: the fit is then flat.
+    left out: the fit is then flat. rounds: linearisations at most.
     """
     sightings = sightings or start.sightings
     structure = replace(rich, board_shape=FREE)
     space = free_model(sightings.target, _seen(sightings))
     fit, variances = start, start.problem.shape.variances
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         try:
             found = _variances(fit, structure, replace(sightings, free=space), loss, variances)
         except np.linalg.LinAlgError:  # a fit so far off that it says nothing

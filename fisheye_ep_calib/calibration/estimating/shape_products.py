@@ -19,33 +19,33 @@ class ShapeProducts:
     def __init__(self, shape: ShapeModel, views: int, shared_size: int, has_discs: bool) -> None:
         self._shape = shape
         count, local = len(shape.nominal), LOCAL if has_discs else 3
-        self._pose = np.zeros((views, 6, count, local))
+        self._pose = np.zeros((views, count, 6, local))
         self._shared = np.zeros((shared_size + 1, count, local))
         self._own = np.zeros((count, local, local))
 
     def add(self, block: ViewBlock, parts: list[np.ndarray], d_local: np.ndarray, weights: np.ndarray) -> None:
         """parts (2, Q, B, N): columns of pose, shared parameters and residual; d_local (2, L, B, N); weights (B, N)."""
-        both = np.concatenate([*parts, d_local], axis=1)
         weighted = d_local * weights**2
-        products = both[0, :, None] * weighted[0] + both[1, :, None] * weighted[1]
-        shared = self._shared.shape[0]
-        whole = block.real.all() and (block.points == block.points[0]).all()
+        pose, *shared = *parts, d_local
+        count, local = self._own.shape[:2]
+        whole = bool(block.real.all() and (block.points == block.points[0]).all())
+        place = np.where(block.real, block.points, count)  # padding goes to a row of its own
+        rows = (np.arange(len(place))[:, None] * (count + 1) + place).reshape(-1)
+        spread = np.zeros((len(place) * (count + 1), 6 * local))
+        spread[rows] = _products(pose, weighted).reshape(6 * local, -1).T
+        self._pose[block.views] = spread.reshape(len(place), count + 1, 6, local)[:, :count]
+        sums = [_products(part, weighted).reshape(-1, *place.shape) for part in shared]
+        total = np.concatenate(sums)
         if whole:  # every view shows the same points: sums need no sorting
-            points = block.points[0]
-            self._pose[block.views[:, None], :, points] = np.moveaxis(products[:6], (2, 3), (0, 1))
-            total = products[6:].sum(axis=2)
+            by_point = np.zeros((len(total), count))
+            by_point[:, block.points[0]] = total.sum(axis=1)
         else:
-            count = len(self._own)
-            place = np.where(block.real, block.points, count)  # padding goes to a row of its own
-            spread = np.zeros((len(block.views), count + 1, 6, products.shape[1]))
-            spread[np.arange(len(block.views))[:, None], place] = np.moveaxis(products[:6], (2, 3), (0, 1))
-            self._pose[block.views] = np.moveaxis(spread[:, :count], 1, 2)
-            points = np.arange(count)
-            flat = products[6:].reshape(-1, place.size)
-            total = np.stack([np.bincount(place.reshape(-1), row, count + 1)[:count] for row in flat])
-            total = total.reshape(*products[6:].shape[:2], count)
-        self._shared[:, points] += np.moveaxis(total[:shared], 1, 2)
-        self._own[points] += np.moveaxis(total[shared:], 2, 0)
+            flat, where = total.reshape(len(total), -1), place.reshape(-1)
+            by_point = np.stack([np.bincount(where, row, count + 1)[:count] for row in flat])
+        by_point = by_point.reshape(-1, local, count)
+        columns = len(self._shared)
+        self._shared += np.moveaxis(by_point[:columns], 1, 2)
+        self._own += np.moveaxis(by_point[columns:], 2, 0)
 
     def equations(self) -> ShapeEquations:
         local = self._own.shape[1]
@@ -64,4 +64,11 @@ class ShapeProducts:
         shared = by_unknown(self._shared)
         own_smooth = np.einsum("nlk,nlm->knm", fields, self._own, optimize=True)
         rough = axes.T @ self._own[:, :3, :3] @ axes if is_rough else np.zeros((0, 3, 3))
-        return ShapeEquations(by_unknown(self._pose), shared[:-1], by_unknown(own_smooth), rough, shared[-1])
+        return ShapeEquations(
+            by_unknown(np.moveaxis(self._pose, 1, 2)), shared[:-1], by_unknown(own_smooth), rough, shared[-1]
+        )
+
+
+def _products(columns: np.ndarray, weighted: np.ndarray) -> np.ndarray:
+    """Columns (2, Q, B, N) times weighted local derivatives (2, L, B, N), summed over u and v: (Q, L, B, N)."""
+    return columns[0, :, None] * weighted[0] + columns[1, :, None] * weighted[1]

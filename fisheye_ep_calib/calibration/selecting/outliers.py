@@ -182,7 +182,7 @@ def _without_outliers(sightings: Sightings, structure: Structure, fit: Fit, rich
             break
         keep = inside
         left = with_weights(sightings, np.where(keep, observations.weights, 0.0))
-        fit = with_estimated_shape(fit, rich, left) if shaped else refine(fit, rich, left)
+        fit = with_estimated_shape(fit, rich, left, rounds=1) if shaped else refine(fit, rich, left)
     kept = fit.sightings
     # Images with too few points for a pose were never judged.
     judged = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
