@@ -101,6 +101,12 @@ class Observations:
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
+    def with_board(self, board: BoardShape | None) -> Observations:
+        """Of a target whose shape was measured, where the observations do not bring one themselves."""
+        if board is None or self.board is not None or not board.same_target(self.object_points):
+            return self
+        return replace(self, board=board)
+
     @property
     def view_count(self) -> int:
         """Images with at least one sighting of non-zero weight."""

@@ -27,6 +27,7 @@ from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.results_folder import beside
 from fisheye_ep_calib.storage.rig_file import CAMCHAIN, RIG, rig_files
+from fisheye_ep_calib.target.shape.measured import known_board
 
 DESCRIPTION = (
     "Find where calibrated cameras are to each other, from views in which two or more of them see the target at the\n"
@@ -135,8 +136,10 @@ def _look(arguments: argparse.Namespace) -> Iterator[Look]:
 def _calibrated(
     files: Mapping[str, CameraFile], seen: Mapping[str, RigSource], arguments: argparse.Namespace
 ) -> RigCalibration:
+    points = next(iter(seen.values())).observations.object_points
+    board = known_board([file.board for file in files.values()], points)
     cameras = [
-        RigCamera(name, file.camera, seen[name].observations, seen[name].stamps_ns, file.covariance)
+        RigCamera(name, file.camera, seen[name].observations.with_board(board), seen[name].stamps_ns, file.covariance)
         for name, file in files.items()
     ]
     numbered = any(one.numbered for one in seen.values())

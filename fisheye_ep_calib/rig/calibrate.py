@@ -35,6 +35,7 @@ from fisheye_ep_calib.rig.synchronisation import nearest_ns, simultaneous
 from fisheye_ep_calib.rig.uncertainty import of_inverse, pose_covariance
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.frame import board_frame
+from fisheye_ep_calib.target.shape.measured import BoardShape, known_board
 from fisheye_ep_calib.target.shape.model import bow_model, flat_model
 
 USUAL_TOLERANCE = 0.01  # seconds
@@ -69,12 +70,14 @@ def calibrate_rig(
     """Each camera's pose in the first one's frame. tolerance: seconds within which images are of the same time.
 
     unmistakable: no detector can take the target for itself turned. free_cameras: the cameras' parameters are refined
-    too, those with a covariance above zero, or all. board_warp (3,): the target's bow, metres; warp_free: it is
-    refined. find_clocks: the cameras' clocks differ by constants, which the views tell. Raises CalibrationError.
+    too, those with a covariance above zero, or all. The target has the shape that the observations bring, of several
+    the one that is known best; board_warp (3,): a bow on top of it, metres; warp_free: it is refined. find_clocks: the
+    cameras' clocks differ by constants, which the views tell. Raises CalibrationError.
     """
     _check(cameras)
     bow = np.zeros(len(WARP_NAMES)) if board_warp is None else np.asarray(board_warp, dtype=float)
-    poses = [_poses(one, bow) for one in cameras]
+    board = known_board([one.observations.board for one in cameras])
+    poses = [_poses(one, bow, board) for one in cameras]
     points = cameras[0].observations.object_points
     turns = no_symmetry(points) if unmistakable else symmetries(points)
     names = [one.name for one in cameras]
@@ -173,9 +176,9 @@ def _moments(cameras: Sequence[RigCamera], tolerance: float) -> np.ndarray:
     return moments
 
 
-def _poses(one: RigCamera, board_warp: np.ndarray) -> CameraPoses:
+def _poses(one: RigCamera, board_warp: np.ndarray, board: BoardShape | None) -> CameraPoses:
     try:
-        found = evaluate_camera(one.camera, one.observations, board_warp)
+        found = evaluate_camera(one.camera, one.observations, board_warp, board=board)
     except CalibrationError as error:
         raise type(error)(f"{one.name}: {error}") from None
     poses = {int(image): pose for image, pose in zip(found.images, found.camera_from_target, strict=True)}
@@ -199,7 +202,9 @@ def _problem(assembly: Assembly, free: Sequence[np.ndarray], warp_free: bool) ->
         views.append(camera_views(observations, images[order], moments[order], free[camera]))
     first = assembly.observations[0]
     features = FeatureModel(board_frame(first.object_points), first.disc_radius)
-    return RigProblem(tuple(views), features, bow_model(flat_model(first.object_points)), warp_free)
+    board = known_board([observations.board for observations in assembly.observations])
+    known = None if board is None else board.local
+    return RigProblem(tuple(views), features, bow_model(flat_model(first.object_points, known)), warp_free)
 
 
 def _lengths(problem: RigProblem, state: RigState) -> list[np.ndarray]:

@@ -17,6 +17,7 @@ from fisheye_ep_calib.rig.uncertainty import of_inverse
 from fisheye_ep_calib.rotation import moved_poses
 from fisheye_ep_calib.simulation import paper_target
 from fisheye_ep_calib.target.boards.chessboard import Chessboard
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 DISCS = paper_target()
 SQUARE = Chessboard.create("square", 7, 7, spacing=0.014)
@@ -240,3 +241,20 @@ def test_wrong_input_is_refused() -> None:
         calibrate_rig([one, replace(other, observations=replace(other.observations, disc_radius=0.003))])
     with pytest.raises(InputError, match="fewer stamps"):
         calibrate_rig([one, replace(other, stamps_ns=other.stamps_ns[:2])])
+
+
+def test_a_target_whose_shape_is_known_leaves_only_the_noise() -> None:
+    """A camera that brings the shape is enough: they all look at the same target."""
+    points = SQUARE.object_points
+    half = points[:, :2].max(axis=0) / 2
+    x, y = ((points[:, :2] - half) / half).T
+    deviation = np.zeros_like(points)
+    deviation[:, 2] = 0.5e-3 * np.cos(3 * x) * np.cos(2 * y)
+    bent = replace(SQUARE, object_points=points + deviation)
+    poses = targets_between(PLACES[0], PLACES[1], SQUARE, 12, seed=4)
+    seen = see(cameras(2), PLACES[:2], bent, poses, noise=0.1)
+    flat = [replace(one, observations=replace(one.observations, object_points=points)) for one in seen]
+    shape = BoardShape("free", points, deviation)
+    known = [replace(flat[0], observations=flat[0].observations.with_board(shape)), flat[1]]
+    assert calibrate_rig(known).rms_px == pytest.approx(0.1414, abs=0.015)
+    assert calibrate_rig(flat).rms_px > 0.2

@@ -42,10 +42,9 @@ class ShapeProducts:
         else:
             flat, where = total.reshape(len(total), -1), place.reshape(-1)
             by_point = np.stack([np.bincount(where, row, count + 1)[:count] for row in flat])
-        by_point = by_point.reshape(-1, local, count)
-        columns = len(self._shared)
-        self._shared += np.moveaxis(by_point[:columns], 1, 2)
-        self._own += np.moveaxis(by_point[columns:], 2, 0)
+        columns, own = len(self._shared), by_point.reshape(-1, local, count)
+        self._shared += np.moveaxis(own[:columns], 1, 2)
+        self._own += np.moveaxis(own[columns:], 2, 0)
 
     def equations(self) -> ShapeEquations:
         local = self._own.shape[1]

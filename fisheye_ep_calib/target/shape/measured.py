@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -16,6 +16,19 @@ from fisheye_ep_calib.target.shape.model import FLAT, LOCAL
 _LOCAL_DEGREE = 4  # of the smooth fields that say how discs of a shape given by its points are tilted
 _SAME = 1e-6  # metres: targets whose points agree to this are one
 _TOLD = 0.005  # mm and %: what is less is not worth a word
+
+
+def known_board(boards: Iterable[BoardShape | None], object_points: np.ndarray | None = None) -> BoardShape | None:
+    """Of what several calibrations found of one target the shape that is known best; None where none is known.
+
+    object_points (n, 3): of the target's file; shapes of other targets are passed over.
+    """
+    known = [
+        board
+        for board in boards
+        if board is not None and board.bends and (object_points is None or board.same_target(object_points))
+    ]
+    return min(known, key=lambda board: np.inf if board.sigma is None else float(board.sigma.mean()), default=None)
 
 
 @dataclass(frozen=True)
