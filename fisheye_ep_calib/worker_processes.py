@@ -6,10 +6,12 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
+from types import ModuleType
 from typing import Any
 
 _ENVIRONMENT = {
@@ -43,19 +45,25 @@ class KnownProcesses(SpawnContext):
 
 
 @contextlib.contextmanager
-def inherited_by_workers() -> Iterator[None]:
-    """Processes started in here have one thread each, and no Ctrl-C.
+def inherited_by_workers(needs_main: bool = False) -> Iterator[None]:
+    """Processes started in here have one thread each, no Ctrl-C, and do not run the parent's script.
 
-    In a terminal Ctrl-C reaches every process, but it is the parent's to handle.
+    In a terminal Ctrl-C reaches every process, but it is the parent's to handle. A spawned process runs the script that
+    the parent was started with, so that what the script defines is there: with needs_main only, as a script without
+    ``if __name__ == "__main__"`` would then start the same work again in each of them.
     """
     resource_tracker.ensure_running()  # starting with the first worker, it would unblock the signal
     with _starting:
         before = {name: os.environ.get(name) for name in _ENVIRONMENT}
         os.environ.update(_ENVIRONMENT)
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        script = sys.modules["__main__"]
+        if not needs_main:
+            sys.modules["__main__"] = ModuleType("__main__")
         try:
             yield
         finally:
+            sys.modules["__main__"] = script
             signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
             for name, value in before.items():
                 if value is None:

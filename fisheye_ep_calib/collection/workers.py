@@ -52,6 +52,7 @@ class FrameWorkers:
         self._workers = workers
         self._pool: ProcessPoolExecutor | None = None
         self._processes = KnownProcesses()
+        self._needs_main = False
         self._search: IO[bytes] | None = None
         self._waiting: deque[Job] = deque()
         self._running: dict[Future[Any], Job] = {}
@@ -141,14 +142,16 @@ class FrameWorkers:
                 initializer=_initialize,
                 initargs=(self._search_file(),),
             )
-        with inherited_by_workers():  # which the pool starts when it is given work
+        with inherited_by_workers(self._needs_main):  # which the pool starts when it is given work
             return self._pool.submit(_look, job)
 
     def _search_file(self) -> str:
         """Recording and target, for the workers: as arguments they would keep the next one waiting for this one."""
         if self._search is None:
+            content = pickle.dumps((self._recording, self._target))
+            self._needs_main = b"__main__" in content  # a target or a format that the caller's script defines
             self._search = tempfile.NamedTemporaryFile(prefix="fisheye_ep_calib_")
-            pickle.dump((self._recording, self._target), self._search)
+            self._search.write(content)
             self._search.flush()
         return self._search.name
 

@@ -16,6 +16,7 @@ from fisheye_ep_calib.simulation.bag import StampedImage
 from fisheye_ep_calib.simulation.rendering import PLAIN, Imaging, render
 from fisheye_ep_calib.simulation.scene_camera import SceneCamera
 from fisheye_ep_calib.target import Target
+from fisheye_ep_calib.worker_processes import inherited_by_workers
 
 _views: list[View] = []
 
@@ -64,7 +65,8 @@ def render_views(views: Sequence[View], processes: int | None = None) -> Iterato
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, context, _prepare, (list(views),)) as pool:
         ahead = 2 * processes
-        pending = deque(pool.submit(_render, number) for number in range(min(ahead, len(views))))
+        with inherited_by_workers():
+            pending = deque(pool.submit(_render, number) for number in range(min(ahead, len(views))))
         for number in range(len(views)):
             yield pending.popleft().result()
             if number + ahead < len(views):
