@@ -24,7 +24,7 @@ if sys.platform != "win32":
 else:
     fcntl = None
 
-FORMAT = 3
+FORMAT = 4
 _NO_KIND = ("name", "object_points")  # of a target: what does not tell its kind, or not in few words
 
 
@@ -141,6 +141,7 @@ def _to_json(result: FrameResult) -> dict[str, Any]:
         "point_index": result.detection.point_index.tolist(),
         "pixels": result.detection.pixels.tolist(),
         "rejected": result.detection.rejected.tolist(),
+        "remark": result.detection.remark,
         "read_seconds": result.read_seconds,
         "detect_seconds": result.detect_seconds,
     }
@@ -152,6 +153,7 @@ def _from_json(content: dict[str, Any]) -> FrameResult:
         np.array(content["pixels"], dtype=float).reshape(-1, 2),
         content["reason"],
         np.array(content["rejected"], dtype=float).reshape(-1, 2),
+        content["remark"],
     )
     size = content["image_size"]
     return FrameResult(

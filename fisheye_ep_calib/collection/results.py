@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -12,6 +13,8 @@ from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.target.detection import Detection
 
+_REASONS = 3  # that are told of many
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _STRAYS = 5  # one image in so many may be of another size than the rest
 
 
@@ -103,11 +106,14 @@ class DetectionRun:
             parts.append(f"{len(unreadable)} unreadable ({unreadable[0].error})")
         if strays:
             parts.append(f"{len(strays)} left out ({strays[0].name}: {strays[0].error})")
+        if self.views and (reasons := [frame.reason for frame in self.frames if not frame.found and not frame.error]):
+            parts.append(f"in {len(reasons)} not ({counted(reasons)})")
         if self.available > len(self.frames):
             parts.append(f"{self.available - len(self.frames)} of {self.available} not looked at")
         if self.interrupted:
             parts.append("interrupted")
-        return ", ".join(parts)
+        remarks = [frame.detection.remark for frame in self.views if frame.detection.remark]
+        return "; ".join([", ".join(parts), *([counted(remarks)] if remarks else [])])
 
     def observations(self, object_points: np.ndarray, disc_radius: float | None = None) -> Observations:
         """Every view's points, for a target of ``object_points`` (n, 3) m.
@@ -136,12 +142,22 @@ class DetectionRun:
             return CalibrationError(f"{self.topic}: no image was looked at")
         if self.bad_frames == len(self.frames):
             return InputError(f"{self.topic}: none of {self.bad_frames} images can be read: {self.frames[0].error}")
-        reasons = Counter(frame.reason for frame in self.frames)
-        reason, count = reasons.most_common(1)[0]
+        reasons = counted([frame.reason for frame in self.frames])
         return CalibrationError(
-            f"{self.topic}: the target was found in none of {len(self.frames)} images ({count} ×: {reason}); "
+            f"{self.topic}: the target was found in none of {len(self.frames)} images ({reasons}); "
             "check that the target file describes the printed target"
         )
+
+
+def counted(reasons: Sequence[str]) -> str:
+    """The commonest reasons and how often each was given; those that differ in their numbers alone are one."""
+    alike: dict[str, list[str]] = {}
+    for reason in reasons:
+        alike.setdefault(_NUMBER.sub("#", reason), []).append(reason)
+    common = sorted(alike.values(), key=len, reverse=True)
+    told = [f"{len(same)} ×: {Counter(same).most_common(1)[0][0]}" for same in common[:_REASONS]]
+    rest = sum(map(len, common[_REASONS:]))
+    return ", ".join([*told, *([f"{rest} × otherwise"] if rest else [])])
 
 
 def sizes_differ(frames: Sequence[FrameResult]) -> str | None:

@@ -20,12 +20,14 @@ class Detection:
     pixels (k, 2) float: measured positions; the centre of the top-left pixel is (0, 0).
     reason: why nothing was found, in words a user understands; empty when something was found.
     rejected (m, 2): candidates that were looked at and refused, for the overlay.
+    remark: what is to be told although something was found, such as that the file was read in another way.
     """
 
     point_index: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
     pixels: np.ndarray = field(default_factory=_no_pixels)
     reason: str = ""
     rejected: np.ndarray = field(default_factory=_no_pixels)
+    remark: str = ""
 
     def __len__(self) -> int:
         return len(self.point_index)

@@ -230,7 +230,7 @@ def test_unreadable_files(tmp_path):
 @pytest.mark.parametrize("columns, rows, legacy", [(5, 4, False), (5, 4, True), (4, 5, True), (5, 5, True)])
 def test_charuco_print_is_opencvs(columns, rows, legacy):
     target = Charuco.create("c", columns, rows, 0.04, 0.03, "DICT_5X5_100", legacy)
-    board = cv2.aruco.CharucoBoard((columns + 1, rows + 1), 0.04, 0.03, target.detector().dictionary)
+    board = cv2.aruco.CharucoBoard((columns + 1, rows + 1), 0.04, 0.03, aruco_dictionary("DICT_5X5_100", "a test"))
     board.setLegacyPattern(legacy)
     side = 56
     theirs = board.generateImage(((columns + 1) * side, (rows + 1) * side), marginSize=0)

@@ -4,59 +4,58 @@ from __future__ import annotations
 
 import numpy as np
 
-from fisheye_ep_calib.target.corners.contrast import detect_stretched
-from fisheye_ep_calib.target.corners.guidance import find_guided
 from fisheye_ep_calib.target.corners.measurement import Surroundings
-from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.markers.aruco import APRILGRID_BORDER, APRILGRID_DICTIONARY, aruco_dictionary
-from fisheye_ep_calib.target.markers.charuco_detector import finish
-from fisheye_ep_calib.target.markers.detection import find_markers
-from fisheye_ep_calib.target.markers.marker_board import MANY_MARKERS, complete_corners, corners_by_markers
-from fisheye_ep_calib.target.sharpness import why_not
+from fisheye_ep_calib.target.markers.arrangement import Reading
+from fisheye_ep_calib.target.markers.aruco import APRILGRID_BORDER, APRILGRID_DICTIONARY
+from fisheye_ep_calib.target.markers.board_detector import MarkerBoardDetector
+from fisheye_ep_calib.target.markers.codebook import codebook
 
 # OpenCV's first corner is the tag's bottom right as Kalibr prints it; from there clockwise.
 KALIBR_ORDER = np.array([1, 0, 3, 2])
 TAG_CELLS = 10
 
 
-class AprilGridDetector:
-    """Tags by cv2.aruco, corners by fitting their picture."""
+class AprilGridDetector(MarkerBoardDetector):
+    """Its tags may be turned within their cells; its file may have columns and rows, or top and bottom, exchanged."""
 
     def __init__(self, target) -> None:
         self.target = target
-        self.dictionary = aruco_dictionary(APRILGRID_DICTIONARY, "an AprilGrid")
-        self.points = target.object_points[:, :2]
-        self.marker_points = self.points[target.tag_points[:, KALIBR_ORDER]]
-        # The quadrants (+, +) and (−, −) hold tag and square at a tag's bottom left and top right corners.
-        corner_in_tag = np.zeros(len(self.points), dtype=int)
-        corner_in_tag[target.tag_points] = np.arange(4)
-        bright = np.where(corner_in_tag % 2 == 0, -1.0, 1.0)
-        half = np.full(len(bright), 0.95 * target.tag_gap)
-        depth = np.repeat(half[:, None], 2, axis=1)
-        border = APRILGRID_BORDER / TAG_CELLS * target.tag_size
-        if border < half[0]:
-            depth[np.arange(len(bright)), np.where(bright < 0, 0, 1)] = border
-        self.around = Surroundings(half, bright, depth, np.full(len(bright), target.tag_gap))
-
-    def detect(self, image: np.ndarray) -> Detection:
-        reason = check_image(image)
-        if reason:
-            return Detection(reason=reason)
-        return detect_stretched(self._detect, image)
-
-    def _detect(self, image: np.ndarray) -> Detection:
-        numbers = self.target.first_tag + np.arange(len(self.marker_points))
-        markers = find_markers(image, self.dictionary, APRILGRID_BORDER, numbers, "an AprilGrid")
-        if len(markers.place) == 0:
-            return Detection(reason=why_not(image, "board not found"), rejected=markers.rejected)
-        size = self.target.tag_size
-        # Of few tags each has to tell more.
-        reach = 0.72 if len(markers.place) >= MANY_MARKERS else 1.6
-        start, jacobian, known = corners_by_markers(
-            self.marker_points[markers.place], markers.corners, self.points, reach * size
+        points, around = target.object_points[:, :2], _surroundings(target)
+        tags = points[target.tag_points]
+        readings = [Reading(tags[:, KALIBR_ORDER], around)]
+        for quarters in (2, 1, 3):
+            remark = f"the tags are turned by {90 * quarters}° within their cells, and were taken so"
+            readings.append(Reading(tags[:, np.roll(KALIBR_ORDER, quarters)], around, remark))
+        grid = np.arange(len(tags)).reshape(target.rows, target.columns)
+        if target.rows > 1:
+            fault = "the tags' numbers rise downwards; the target file has the first tag at the bottom left"
+            other = tags[grid[::-1].ravel()]
+            readings += [Reading(other[:, np.roll(KALIBR_ORDER, turn)], around, fault=fault) for turn in (0, 2)]
+        if target.columns != target.rows:
+            turned = target.create("", target.rows, target.columns, target.tag_size, target.tag_gap)
+            fault = f"the tags fit columns: {target.rows}, rows: {target.columns}; the file has them the other way"
+            other = turned.object_points[:, :2][turned.tag_points]
+            readings += [Reading(other[:, np.roll(KALIBR_ORDER, turn)], around, fault=fault) for turn in (0, 2)]
+        super().__init__(
+            target.object_points,
+            readings,
+            codebook(APRILGRID_DICTIONARY, APRILGRID_BORDER, "an AprilGrid"),
+            target.first_tag + np.arange(len(tags)),
+            touching=True,
+            step=target.tag_size,
+            reach=(0.72 * target.tag_size, 1.6 * target.tag_size),
         )
-        pixels, found = complete_corners(image, self.points, start, jacobian, known, self.around, size)
-        return finish(image, self.points, pixels, found, start[known & ~found], "tag corners")
 
-    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
-        return find_guided(image, camera, camera_from_target, self.target.object_points, self.around)
+
+def _surroundings(target) -> Surroundings:
+    """What is printed around the tags' corners."""
+    # The quadrants (+, +) and (−, −) hold tag and square at a tag's bottom left and top right corners.
+    corner_in_tag = np.zeros(len(target.object_points), dtype=int)
+    corner_in_tag[target.tag_points] = np.arange(4)
+    bright = np.where(corner_in_tag % 2 == 0, -1.0, 1.0)
+    half = np.full(len(bright), 0.95 * target.tag_gap)
+    depth = np.repeat(half[:, None], 2, axis=1)
+    border = APRILGRID_BORDER / TAG_CELLS * target.tag_size
+    if border < half[0]:
+        depth[np.arange(len(bright)), np.where(bright < 0, 0, 1)] = border
+    return Surroundings(half, bright, depth, np.full(len(bright), target.tag_gap))

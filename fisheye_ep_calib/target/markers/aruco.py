@@ -46,6 +46,12 @@ def aruco_dictionary(name: str, what: str):
     return module.getPredefinedDictionary(number)
 
 
+def marker_side(name: str) -> int | None:
+    """Cells along a marker of one of OpenCV's dictionaries without its border; None where this OpenCV lacks it."""
+    number = getattr(require_aruco("a marker"), name, None)
+    return None if number is None else int(require_aruco("a marker").getPredefinedDictionary(number).markerSize)
+
+
 def marker_bits(dictionary, identities: np.ndarray, border: int) -> np.ndarray:
     """The cells (n, m, m) of markers as printed, 1 white and 0 black, row by row, with ``border`` black cells
     around.

@@ -1,0 +1,83 @@
+"""Finding a board of markers: which markers, how they lie, then every corner that they name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fisheye_ep_calib.target.corners.contrast import detect_stretched
+from fisheye_ep_calib.target.corners.guidance import find_guided
+from fisheye_ep_calib.target.detection import Detection, check_image
+from fisheye_ep_calib.target.markers.arrangement import Reading, arrange
+from fisheye_ep_calib.target.markers.codebook import Codebook
+from fisheye_ep_calib.target.markers.marker_board import MANY_MARKERS, complete_corners, corners_by_markers
+from fisheye_ep_calib.target.markers.mismatch import why_no_board
+from fisheye_ep_calib.target.markers.search import Markers, find_markers
+from fisheye_ep_calib.target.sharpness import why_not
+
+FEWEST_CORNERS = 6  # of a view
+
+
+class MarkerBoardDetector:
+    """Markers by their cells, corners by fitting their picture.
+
+    points (n, 3): metres. readings: ways to read the target's file, as it is first. numbers (k,): of its markers in the
+    dictionary, rising. touching: whether black squares touch the markers' corners. step: the largest distance of
+    neighbouring features. reach: how far a marker's own homography is believed, for many markers and for few, metres.
+    """
+
+    def __init__(
+        self,
+        points: np.ndarray,
+        readings: Sequence[Reading],
+        book: Codebook,
+        numbers: np.ndarray,
+        touching: bool,
+        step: float,
+        reach: tuple[float, float],
+    ) -> None:
+        self.points, self.readings, self.book, self.numbers = points, readings, book, numbers
+        self.touching, self.step, self.reach = touching, step, reach
+
+    def detect(self, image: np.ndarray) -> Detection:
+        reason = check_image(image)
+        if reason:
+            return Detection(reason=reason)
+        found = detect_stretched(self._detect, image)
+        return found if len(found) else replace(found, reason=why_not(image, found.reason))
+
+    def _detect(self, image: np.ndarray) -> Detection:
+        seen = find_markers(image, self.book, self.numbers, self.touching)
+        board = seen[np.isin(seen.number, self.numbers)]
+        place = np.searchsorted(self.numbers, board.number)
+        arrangement = arrange(place, board.corners, self.readings)
+        reading = arrangement.reading
+        if reading is None or reading.fault:
+            reason = reading.fault if reading else why_no_board(image, seen, self.numbers, self.book, self.touching)
+            return Detection(reason=reason, rejected=np.vstack([seen.rejected, seen.corners.mean(axis=1)]))
+        chosen = arrangement.chosen
+        found = self._measure(image, board[chosen], place[chosen], reading)
+        remarks = [reading.remark] if reading.remark else []
+        if arrangement.others:
+            remarks.append("another board with the same markers is in view; the more complete one was taken")
+        return replace(found, remark="; ".join(remarks)) if len(found) else found
+
+    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+        # The colours about the corners are those of any reading, or all exchanged.
+        return find_guided(image, camera, camera_from_target, self.points, self.readings[0].around)
+
+    def _measure(self, image: np.ndarray, board: Markers, place: np.ndarray, reading: Reading) -> Detection:
+        points, around = self.points[:, :2], reading.around
+        if board.negative:
+            around = replace(around, bright=-around.bright)
+        # Of few markers each has to tell more.
+        reach = self.reach[0] if len(board) >= MANY_MARKERS else self.reach[1]
+        start, jacobian, known = corners_by_markers(reading.marker_points[place], board.corners, points, reach)
+        pixels, found = complete_corners(image, points, start, jacobian, known, around, self.step)
+        missed = start[known & ~found]
+        if found.sum() < min(FEWEST_CORNERS, len(points)):
+            reason = f"{int(found.sum())} of {len(points)} corners" if found.any() else "board not found"
+            return Detection(reason=reason, rejected=np.vstack([missed, pixels[found]]))
+        return Detection(np.flatnonzero(found), pixels[found], rejected=missed)
