@@ -137,3 +137,11 @@ def test_a_board_that_keeps_its_holes_when_turned_is_found_but_not_unmistakable(
         assert sum(right) == 1
         assert set(names[right.index(True)][list(target.holed)]) == set(target.holed)
         assert right[0] or not unmistakable
+
+
+def test_a_mirrored_image_of_a_holed_grid_is_named():
+    pose = look_pose(HOLED, 0.3, 0.4, 0.13, tilt=0.3)
+    image = render(CAMERA, HOLED, pose, Imaging(blur=0.8, noise=2))
+    found = HOLED.detector().detect(np.ascontiguousarray(image[:, ::-1]))
+    assert len(found) == 0
+    assert "the image is mirrored" in found.reason

@@ -15,7 +15,7 @@ from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.discs.blobs import Blobs, discs_are_light, find_blobs
 from fisheye_ep_calib.target.discs.ellipse import minor_axis
 from fisheye_ep_calib.target.discs.growth import complete_discs
-from fisheye_ep_calib.target.discs.hole_evidence import LEAST_HOLES, hole_evidence
+from fisheye_ep_calib.target.discs.hole_evidence import LEAST_HOLES, HoleEvidence, hole_evidence
 from fisheye_ep_calib.target.discs.lattice import FEWEST, Lattice, grow_lattices
 from fisheye_ep_calib.target.discs.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
 from fisheye_ep_calib.target.discs.measurement import Measurement, measure_discs
@@ -172,6 +172,8 @@ class CircleGridDetector:
         )
         if not labels.known.any():
             reason = f"{int(good.sum())} discs, but not which: too few of the holed ones are seen"
+            if marks is not None and self._is_mirrored(cells, found, marks):
+                reason = f"{int(good.sum())} discs, and the image is mirrored: the holed ones lie as in a mirror"
             return _Found(detection=Detection(reason=reason, rejected=blobs.center))
         # A lattice that goes on beyond the target is something else.
         beyond = int((good & ~labels.known).sum())
@@ -181,6 +183,14 @@ class CircleGridDetector:
         loose[lattice.blob[good[: len(lattice)]]] = False
         detection = Detection(labels.point_index[good], found.center[good], rejected=blobs.center[loose])
         return _Found(len(detection) - 2 * beyond, detection)
+
+    def _is_mirrored(self, cells: np.ndarray, discs: Measurement, marks: HoleEvidence) -> bool:
+        """Whether the holed discs lie as the target's do in a mirror."""
+        across = cells * [1, -1]
+        turns = self.target.turns
+        evidence = replace(marks, cells=across)
+        labels = label_patch(across, discs.center, self.target.lattice, evidence, least=LEAST_HOLES, turns=turns)
+        return bool(labels.known.any())
 
     def _is_board(self, cells: np.ndarray, discs: Measurement, blobs: Blobs) -> bool:
         """Whether discs at cells (k, 2) are a grid like the target's, no chance chain nor part of a finer grid."""
