@@ -78,7 +78,7 @@ def two_cameras(
     few = information[np.ix_(np.arange(views), told, told)]
     explained = float((score[:, told] * np.linalg.solve(few, score[:, told, None])[..., 0]).sum())
     square = float(equations.by_view[:, -1, -1].sum())
-    own = (6 + len(told)) * views
+    own = (equations.view_size + len(told)) * views
     variance = (square - explained) / max(residuals - own - len(names), 1)
     found = split_in_two(score, information, told, variance)
     distance = np.linalg.norm(middles, axis=1)
@@ -103,8 +103,9 @@ def view_scores(equations: NormalEquations) -> tuple[np.ndarray, np.ndarray]:
     right = np.concatenate([equations.mixed, equations.pose_gradient[..., None]], axis=2)
     settled = np.linalg.solve(equations.pose, right)
     folded = np.swapaxes(equations.mixed, 1, 2) @ settled
-    information = equations.by_view[:, 6:-1, 6:-1] - folded[..., :-1]
-    score = equations.by_view[:, 6:-1, -1] - folded[..., -1]
+    shared = slice(equations.view_size, -1)
+    information = equations.by_view[:, shared, shared] - folded[..., :-1]
+    score = equations.shared_gradients - folded[..., -1]
     return score, 0.5 * (information + np.swapaxes(information, 1, 2))
 
 

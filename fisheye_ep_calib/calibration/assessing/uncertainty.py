@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.estimating.adjustment import shared_jacobian
+from fisheye_ep_calib.calibration.estimating.adjustment import predict_block, shared_jacobian
 from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information, solve_scaled
-from fisheye_ep_calib.calibration.estimating.prediction import predict
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.rotation import motion_jacobian, placed, turn_jacobian
@@ -66,9 +65,7 @@ def _gauge(fit: Fit) -> np.ndarray:
     surface, has_bow = fit.problem.shape.surface(fit.state.shape), fit.problem.bow_size > 0
     for block in fit.problem.blocks:
         poses = fit.state.camera_from_target[block.views]
-        predicted = predict(
-            fit.state.camera, fit.problem.features, surface, poses, block, fit.problem.theta_limit, True, has_bow
-        )
+        predicted = predict_block(fit.problem, fit.state, surface, block, jacobian=True, local_jacobian=has_bow)
         # d_pose turns about the board's middle c; turning about the camera's origin adds c × ∂pixel/∂p.
         columns = predicted.d_pose * block.weights
         middle = placed(poses, fit.problem.features.board.middle).T[..., None]

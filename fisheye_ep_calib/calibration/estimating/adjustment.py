@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,22 +16,32 @@ from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquat
 from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, Prediction, predict
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss
 from fisheye_ep_calib.calibration.estimating.shape_products import ShapeProducts
+from fisheye_ep_calib.calibration.estimating.view_effects import ViewEffects
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rotation import moved_poses
-from fisheye_ep_calib.target.shape.model import FREE, ShapeModel, ShapeState
+from fisheye_ep_calib.target.shape.model import FREE, ShapeModel, ShapeState, Surface
 
 _LARGEST_KEPT = 2**24  # bytes
 
 
 @dataclass(frozen=True)
 class AdjustmentState:
-    """What is estimated. camera_from_target (V, 4, 4): metres. shape: of the target."""
+    """What is estimated. camera_from_target (V, 4, 4): metres. shape: of the target.
+
+    effects (V, k): coefficients of what is each view's own (view_effects.py).
+    """
 
     camera: FisheyeCamera
     camera_from_target: np.ndarray
     shape: ShapeState
+    effects: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def of_views(self, views: np.ndarray) -> AdjustmentState:
+        """With some of the views alone."""
+        effects = self.effects[views] if len(self.effects) else self.effects
+        return replace(self, camera_from_target=self.camera_from_target[views], effects=effects)
 
 
 @dataclass(frozen=True)
@@ -40,6 +50,7 @@ class AdjustmentProblem:
 
     free: bool (P,), which of camera.parameters are estimated. shape: what the target may be; shape_free: whether it is
     estimated or held. theta_limit: rad, the largest incidence angle that a trial camera may give a sighting.
+    effects: what may differ from view to view beside the pose.
     """
 
     blocks: tuple[ViewBlock, ...]
@@ -49,6 +60,12 @@ class AdjustmentProblem:
     shape_free: bool = True
     theta_limit: float = np.pi
     loss: Loss = LINEAR
+    effects: ViewEffects | None = None
+
+    @property
+    def view_size(self) -> int:
+        """Unknowns of each view: its pose, and what else is its own."""
+        return 6 + (self.effects.size if self.effects else 0)
 
     @property
     def bow_size(self) -> int:
@@ -86,25 +103,19 @@ def evaluate(
 
     penalised: with the penalty of a free shape. follow (K, S): how a shape that is held follows the shared parameters.
     """
-    columns, has_discs = 6 + problem.shared_size + 1, problem.features.disc_radius is not None
+    columns, has_discs = problem.view_size + problem.shared_size + 1, problem.features.disc_radius is not None
     hessian = np.zeros((problem.view_count, columns, columns))
-    collected = (
-        ShapeProducts(problem.shape, problem.view_count, problem.shared_size, has_discs) if problem.shape_size else None
-    )
+    collected = None
+    if problem.shape_size:
+        sizes = (problem.view_count, problem.view_size, problem.shared_size)
+        collected = ShapeProducts(problem.shape, *sizes, has_discs)
+    effects = problem.effects
     surface = problem.shape.surface(state.shape)
     following = None if follow is None else problem.shape.local_change(follow)
     cost, valid = 0.0, True
     for block in problem.blocks:
-        predicted = predict(
-            state.camera,
-            problem.features,
-            surface,
-            state.camera_from_target[block.views],
-            block,
-            problem.theta_limit,
-            jacobian=True,
-            local_jacobian=bool(problem.bow_size or problem.shape_size or follow is not None),
-        )
+        local = bool(problem.bow_size or problem.shape_size or follow is not None or effects)
+        predicted = predict_block(problem, state, surface, block, jacobian=True, local_jacobian=local)
         used = block.weights > 0
         valid = valid and bool(predicted.valid[used].all())
         error = predicted.pixels - block.pixels
@@ -116,7 +127,10 @@ def evaluate(
         if following is not None:
             change = following[:, : predicted.d_local.shape[1]][block.points]
             shared = shared + np.einsum("rlbn,bnlk->rkbn", predicted.d_local, change, optimize=True)
-        parts = [predicted.d_pose, shared, error[:, None]]
+        own = predicted.d_pose
+        if effects:
+            own = np.concatenate([own, effects.columns(block, predicted)], axis=1)
+        parts = [own, shared, error[:, None]]
         hessian[block.views] = _products(parts, weights, columns)
         if collected:
             collected.add(block, parts, predicted.d_local, weights)
@@ -125,7 +139,27 @@ def evaluate(
         values, penalty = state.shape.vector, problem.shape.all_penalties
         shape = shape.penalised(penalty, values)
         cost += 0.5 * float(penalty @ values**2)
-    return NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)), shape)
+    if effects:
+        penalise_effects(hessian, effects.penalty, state.effects)
+        cost += 0.5 * float((effects.penalty * state.effects**2).sum())
+    return NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)), shape, view_size=problem.view_size)
+
+
+def predict_block(
+    problem: AdjustmentProblem, state: AdjustmentState, surface: Surface, block: ViewBlock, **wanted: bool
+) -> Prediction:
+    """``predict`` for a block at a state; surface: of the state's shape."""
+    change = problem.effects.change(block, state.effects[block.views]) if problem.effects else None
+    poses = state.camera_from_target[block.views]
+    return predict(state.camera, problem.features, surface, poses, block, problem.theta_limit, change=change, **wanted)
+
+
+def penalise_effects(by_view: np.ndarray, penalty: np.ndarray, values: np.ndarray) -> None:
+    """Add ½ Σ λ b² of every view's own unknowns b (V, k), behind the pose, to its JᵀJ (V, 6 + k + S + 1, same)."""
+    own = 6 + np.arange(len(penalty))
+    by_view[:, own, own] += penalty
+    by_view[:, own, -1] += penalty * values
+    by_view[:, -1, own] += penalty * values
 
 
 def shared_jacobian(problem: AdjustmentProblem, block: ViewBlock, found: Prediction) -> np.ndarray:
@@ -160,8 +194,7 @@ def residuals(problem: AdjustmentProblem, state: AdjustmentState, count: int):
     valid = np.zeros(count, dtype=bool)
     surface = problem.shape.surface(state.shape)
     for block in problem.blocks:
-        poses = state.camera_from_target[block.views]
-        predicted = predict(state.camera, problem.features, surface, poses, block, problem.theta_limit)
+        predicted = predict_block(problem, state, surface, block)
         rows = block.rows[block.real]
         result[rows] = (predicted.pixels - block.pixels)[:, block.real].T
         theta[rows] = predicted.theta[block.real]
@@ -181,8 +214,9 @@ def stepped(problem: AdjustmentProblem, state: AdjustmentState, step) -> Adjustm
         camera = state.camera.with_parameters(parameters)
     except InputError:
         return None
-    poses = moved_poses(state.camera_from_target, step.pose, problem.features.board.middle)
-    return AdjustmentState(camera, poses, shape)
+    poses = moved_poses(state.camera_from_target, step.pose[:, :6], problem.features.board.middle)
+    effects = state.effects + step.pose[:, 6:] if problem.effects else state.effects
+    return AdjustmentState(camera, poses, shape, effects)
 
 
 def adjust(

@@ -24,6 +24,7 @@ from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquat
 from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss, noise_variance, robust_spread
 from fisheye_ep_calib.calibration.estimating.settled import settled_equations
+from fisheye_ep_calib.calibration.estimating.view_effects import ViewEffects
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import LENS, Structure
@@ -48,7 +49,7 @@ class Sightings:
     """Observations made ready for fitting. images (V,): the image numbers of the pose array.
 
     target: as its file has it, or as it was measured before. free: what its shape may be where it is estimated, with
-    the variances of the data; None until they are known.
+    the variances of the data; None until they are known. effects: what is let differ from view to view.
     """
 
     observations: Observations
@@ -58,6 +59,7 @@ class Sightings:
     target: ShapeModel
     loss: Loss = LINEAR
     free: ShapeModel | None = None
+    effects: ViewEffects | None = None
 
     def shape_model(self, kind: str) -> ShapeModel:
         """What a structure's ``board_shape`` lets the target be."""
@@ -100,7 +102,8 @@ class Fit:
     @property
     def rms_px(self) -> float:
         """√ mean(dx² + dy²) of the weighted residuals over the points used."""
-        if self.problem.loss.kind == "linear" and not self.problem.shape_size:
+        penalised = self.problem.shape_size or self.problem.effects
+        if self.problem.loss.kind == "linear" and not penalised:
             return float(np.sqrt(2 * self.adjustment.equations.cost / self.sightings.point_count))
         return float(np.sqrt(self.weighted_square.mean()))
 
@@ -142,6 +145,8 @@ class Fit:
         if self.problem.loss.kind == "linear":
             return 2 * self.adjustment.equations.cost / max(self.degrees_of_freedom, 1), 1.0
         freedom = self.degrees_of_freedom - round(self.problem.shape.freedom) * (self.problem.shape_size > 0)
+        if self.problem.effects:
+            freedom -= round(self.problem.effects.freedom)
         return noise_variance(self.problem.loss, self.weighted_square, freedom)
 
     @property
@@ -349,8 +354,13 @@ def opened(
         model,
         theta_limit=float(min(np.pi, 1.2 * np.nanmax(theta) + 0.1)),
         loss=loss or sightings.loss,
+        effects=sightings.effects,
     )
-    return problem, AdjustmentState(camera, poses, model.state_like(start.problem.shape, state.shape))
+    shape = model.state_like(start.problem.shape, state.shape)
+    if sightings.effects is None:
+        return problem, AdjustmentState(camera, poses, shape)
+    effects = sightings.effects.state_like(start.problem.effects, state.effects, len(state.camera_from_target))
+    return problem, AdjustmentState(camera, poses, shape, effects[position])
 
 
 def adjusted(

@@ -5,6 +5,8 @@ For the pose of view j and the shared parameters s (camera, and a bow's three):
     [ A_j   B_j ] [δ_j]     [g_j]
     [ B_jᵀ  C   ] [δ_s] = − [g_s],     C = Σ_j C_j,  g_s = Σ_j g_sj
 
+What else is a view's own (view_effects.py) stands beside its pose in δ_j.
+
 Eliminating the poses: (C − Σ B_jᵀ A_j⁻¹ B_j) δ_s = −(g_s − Σ B_jᵀ A_j⁻¹ g_j), then δ_j = −A_j⁻¹ (g_j + B_j δ_s)
 (Triggs et al., "Bundle adjustment: a modern synthesis", section 6). A free shape of the target adds columns of its own:
 shape_equations.py.
@@ -25,11 +27,12 @@ _BOUNDLESS = 1e30  # of a step, in radians, metres or pixels
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """by_view (V, 6 + S + 1, 6 + S + 1): JᵀJ of each view for the columns (pose, shared, residual).
+    """by_view (V, q + S + 1, q + S + 1): JᵀJ of each view for the columns (the view's own, shared, residual).
 
     cost: half the sum of the squared (or robust) residuals and of the shape's penalty, px². valid: every prediction
     exists. shape: of a target whose shape is free, penalty included. prior (S, S): information on the shared parameters
-    that no view holds (settled.py).
+    that no view holds (settled.py). view_size: q, the six of the pose and what else is a view's own, whose penalty is
+    in by_view.
     """
 
     by_view: np.ndarray
@@ -37,31 +40,37 @@ class NormalEquations:
     valid: bool
     shape: ShapeEquations | None = None
     prior: np.ndarray | float = 0.0
+    view_size: int = 6
 
     @property
     def pose(self) -> np.ndarray:
-        """A_j (V, 6, 6)."""
-        return self.by_view[:, :6, :6]
+        """A_j (V, q, q)."""
+        return self.by_view[:, : self.view_size, : self.view_size]
 
     @property
     def mixed(self) -> np.ndarray:
-        """B_j (V, 6, S)."""
-        return self.by_view[:, :6, 6:-1]
+        """B_j (V, q, S)."""
+        return self.by_view[:, : self.view_size, self.view_size : -1]
 
     @property
     def pose_gradient(self) -> np.ndarray:
-        """g_j (V, 6)."""
-        return self.by_view[:, :6, -1]
+        """g_j (V, q)."""
+        return self.by_view[:, : self.view_size, -1]
 
     @cached_property
     def shared(self) -> np.ndarray:
         """C (S, S)."""
-        return self.by_view[:, 6:-1, 6:-1].sum(axis=0) + self.prior
+        return self.by_view[:, self.view_size : -1, self.view_size : -1].sum(axis=0) + self.prior
 
     @cached_property
     def shared_gradient(self) -> np.ndarray:
         """g_s (S,)."""
-        return self.by_view[:, 6:-1, -1].sum(axis=0)
+        return self.shared_gradients.sum(axis=0)
+
+    @property
+    def shared_gradients(self) -> np.ndarray:
+        """g_sj (V, S)."""
+        return self.by_view[:, self.view_size : -1, -1]
 
     def from_flat(self, unknowns: np.ndarray) -> NormalEquations:
         """The same linearised residuals with the shape's unknowns (K,), as they are at the state, put back to zero.
@@ -71,25 +80,43 @@ class NormalEquations:
         shape = self.shape
         assert shape is not None
         by_view = self.by_view.copy()
-        by_view[:, :6, -1] -= shape.pose @ unknowns
-        by_view[:, -1, :6] = by_view[:, :6, -1]
+        size = self.view_size
+        by_view[:, :size, -1] -= shape.pose @ unknowns
+        by_view[:, -1, :size] = by_view[:, :size, -1]
         own = shape.times(unknowns)
         gradient = shape.gradient - own
         # What the shared gradient loses is no single view's; it is put to the first.
-        by_view[0, 6:-1, -1] -= shape.camera @ unknowns
-        by_view[0, -1, 6:-1] = by_view[0, 6:-1, -1]
+        by_view[0, size:-1, -1] -= shape.camera @ unknowns
+        by_view[0, -1, size:-1] = by_view[0, size:-1, -1]
         cost = self.cost - float(unknowns @ shape.gradient) + 0.5 * float(unknowns @ own)
-        return NormalEquations(by_view, cost, self.valid, replace(shape, gradient=gradient))
+        return replace(self, by_view=by_view, cost=cost, shape=replace(shape, gradient=gradient))
+
+    def without_effects(self, values: np.ndarray) -> NormalEquations:
+        """The same linearised residuals with what is each view's own beside its pose, values (V, k), put back to zero.
+
+        Its penalty is not among them.
+        """
+        by_view, own = self.by_view.copy(), slice(6, self.view_size)
+        by_view[..., -1] -= np.einsum("vck,vk->vc", self.by_view[..., own], values)
+        by_view[:, -1] = by_view[..., -1]
+        square = np.einsum("vk,vkl,vl->v", values, self.by_view[:, own, own], values)
+        linear = (values * self.by_view[:, own, -1]).sum(axis=-1)
+        by_view[:, -1, -1] = self.by_view[:, -1, -1] - 2 * linear + square
+        cost = self.cost + float((0.5 * square - linear).sum())
+        shape = self.shape
+        if shape is not None:
+            shape = replace(shape, gradient=shape.gradient - np.einsum("vqk,vq->k", shape.pose[:, own], values))
+        return replace(self, by_view=by_view, cost=cost, shape=shape)
 
     def of_views(self, views: np.ndarray) -> NormalEquations:
         """The equations of some of the views alone, at the same state; under a robust loss the cost is Σ ρ′ s / 2."""
         part = self.by_view[views]
-        return NormalEquations(part, 0.5 * float(part[:, -1, -1].sum()), self.valid, prior=self.prior)
+        return replace(self, by_view=part, cost=0.5 * float(part[:, -1, -1].sum()), shape=None)
 
 
 @dataclass(frozen=True)
 class Step:
-    """pose (V, 6), shared (S + K,): camera, then shape; predicted_decrease of the cost, px²."""
+    """pose (V, q), shared (S + K,): camera, then shape; predicted_decrease of the cost, px²."""
 
     pose: np.ndarray
     shared: np.ndarray
@@ -97,11 +124,11 @@ class Step:
 
 
 def _reduce(pose, mixed, shared, pose_gradient, shared_gradient):
-    """Eliminate the poses: reduced matrix (S, S), reduced gradient (S,), and A⁻¹ [B, g] (V, 6, S + 1)."""
+    """Eliminate the poses: reduced matrix (S, S), reduced gradient (S,), and A⁻¹ [B, g] (V, q, S + 1)."""
     right = np.concatenate([mixed, pose_gradient[..., None]], axis=-1)
     solved = np.linalg.solve(pose, right)
     size = shared.shape[0]
-    rows = 6 * len(pose)
+    rows = pose.shape[0] * pose.shape[1]
     folded = mixed.reshape(rows, size).T @ solved.reshape(rows, size + 1)
     return shared - folded[:, :size], shared_gradient - folded[:, size], solved
 
@@ -111,7 +138,7 @@ def solve_damped(equations: NormalEquations, damping: float) -> Step:
 
     Raises numpy.linalg.LinAlgError where a pose block is singular, or so nearly that the step knows no bounds.
     """
-    diagonal = np.arange(6)
+    diagonal = np.arange(equations.view_size)
     pose = equations.pose.copy()
     pose[:, diagonal, diagonal] *= 1 + damping
     shared = equations.shared.copy()
@@ -140,7 +167,7 @@ def _step(equations: NormalEquations, pose, shared, gradient, diagonal, damping:
 def _solve_damped_with_shape(
     equations: NormalEquations, shape: ShapeEquations, pose: np.ndarray, camera: np.ndarray, damping: float
 ) -> Step:
-    """The step of poses, camera and shape; pose (V, 6, 6) and camera (S, S) are damped already."""
+    """The step of poses, camera and shape; pose (V, q, q) and camera (S, S) are damped already."""
     system = block_system(pose, equations.mixed, camera, shape.damped(damping))
     smooth = shape.smooth_size
     gradient = {
@@ -152,7 +179,7 @@ def _solve_damped_with_shape(
     found = system.solve(gradient)
     return _step(
         equations,
-        -found["pose"].reshape(-1, 6),
+        -found["pose"].reshape(-1, equations.view_size),
         -np.concatenate([found[name][:, 0] for name in ("camera", "smooth", "rough")]),
         np.concatenate([equations.shared_gradient, shape.gradient]),
         np.concatenate([np.diag(equations.shared), shape.diagonal]),
@@ -196,7 +223,7 @@ def view_clustering(equations: NormalEquations, variance: float) -> tuple[float,
 def _scores(equations: NormalEquations) -> np.ndarray:
     """s_j (V, S): the gradient by the shared parameters that each view leaves once its pose has settled."""
     solved = np.linalg.solve(equations.pose, equations.pose_gradient[..., None])
-    return equations.by_view[:, 6:-1, -1] - (np.swapaxes(equations.mixed, 1, 2) @ solved)[..., 0]
+    return equations.shared_gradients - (np.swapaxes(equations.mixed, 1, 2) @ solved)[..., 0]
 
 
 def view_robust_covariance(equations: NormalEquations) -> np.ndarray:
@@ -232,4 +259,5 @@ def unbiased_view_robust_covariance(equations: NormalEquations) -> np.ndarray:
 def _information_of_views(equations: NormalEquations) -> np.ndarray:
     """I_j (V, S, S): what each view tells of the shared parameters once its pose is free."""
     settled = np.linalg.solve(equations.pose, equations.mixed)
-    return equations.by_view[:, 6:-1, 6:-1] - np.swapaxes(equations.mixed, 1, 2) @ settled
+    own = slice(equations.view_size, -1)
+    return equations.by_view[:, own, own] - np.swapaxes(equations.mixed, 1, 2) @ settled

@@ -8,22 +8,27 @@ diagonals, so either can be eliminated first (Triggs et al., "Bundle adjustment:
     [ Gᵀ  C ] [d] = − [g_d]
 
 with D the blocks, e their unknowns and d everything else. The poses are eliminated where the dense rest C is then the
-smaller, and the points where 6 V < 3 N. What is penalised, λ x², adds λ to the diagonal and λ x to the gradient.
+smaller, and the points where q V < 3 N, q being the six of a pose and what else is a view's own. What is penalised,
+½ λ x², adds λ to the diagonal and λ x to the gradient.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+
+Invert = Callable[[np.ndarray], tuple[np.ndarray, float]]
 
 
 @dataclass(frozen=True)
 class ShapeEquations:
     """Products of the shape's K = S + 3N columns (smooth, then rough by point and axis) under the squared residuals.
 
-    pose (V, 6, K), camera (P, K): with the columns of poses and camera. smooth (S, K): of the smooth ones with all.
-    rough (N, 3, 3): of each point's own; N may be 0, and only some of the three axes be there. gradient (K,).
+    pose (V, q, K), camera (P, K): with the columns of poses, and what else is a view's own, and of the camera.
+    smooth (S, K): of the smooth ones with all. rough (N, 3, 3): of each point's own; N may be 0, and only some of the
+    three axes be there. gradient (K,).
     """
 
     pose: np.ndarray
@@ -125,6 +130,48 @@ class BlockSystem:
         blocks = np.linalg.solve(self.blocks, own).reshape(self._rows, columns) - flat @ dense
         return {name: dense[place] if is_dense else blocks for name, (is_dense, place) in self.places.items()}
 
+    def inverted(self, gradient: dict[str, np.ndarray], invert: Invert) -> Inverted:
+        """−(matrix)⁻¹ gradient and the diagonal of that inverse, all by kind; invert: inverse and log-determinant."""
+        own = gradient[next(name for name, (is_dense, _) in self.places.items() if not is_dense)]
+        dense = np.zeros(len(self.dense))
+        for name, (is_dense, place) in self.places.items():
+            if is_dense:
+                dense[place] = gradient[name]
+        reduced, coupled = self.reduced()
+        flat = coupled.reshape(self._rows, len(dense))
+        blocks = np.linalg.inv(self.blocks)
+        settled = (blocks @ own.reshape(*self.blocks.shape[:2], 1)).reshape(-1)
+        inverse, log_determinant = invert(reduced)
+        dense_step = -inverse @ (dense - flat.T @ own)
+        block_step = -(settled + flat @ dense_step)
+        variance = np.einsum("nii->ni", blocks).reshape(-1) + ((flat @ inverse) * flat).sum(axis=1)
+        step, diagonal = {}, {}
+        for name, (is_dense, place) in self.places.items():
+            step[name] = dense_step[place] if is_dense else block_step
+            diagonal[name] = np.diag(inverse)[place] if is_dense else variance
+        camera = self.places["camera"][1]
+        return Inverted(
+            step,
+            diagonal,
+            inverse[camera, camera],
+            log_determinant + float(np.linalg.slogdet(self.blocks)[1].sum()),
+            -float(block_step @ own + dense_step @ dense),
+        )
+
+
+@dataclass(frozen=True)
+class Inverted:
+    """step: −H⁻¹ g, variance: diagonal of H⁻¹, by kind of unknown. camera (P, P): that block of H⁻¹.
+
+    decrease: of twice the cost with the step.
+    """
+
+    step: dict[str, np.ndarray]
+    variance: dict[str, np.ndarray]
+    camera: np.ndarray
+    log_determinant: float
+    decrease: float
+
 
 def solve_scaled(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve a symmetric positive definite system (S, S) after scaling its diagonal to one."""
@@ -137,8 +184,8 @@ def solve_scaled(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def block_system(pose: np.ndarray, mixed: np.ndarray, camera: np.ndarray, shape: ShapeEquations) -> BlockSystem:
-    """The system of poses (V, 6, 6), camera (P, P) with mixed (V, 6, P), and the shape, its cheaper kind in blocks."""
-    if 6 * len(pose) < shape.rough.shape[0] * shape.rough.shape[-1]:
+    """The system of poses (V, q, q), camera (P, P) with mixed (V, q, P), and the shape, its cheaper kind in blocks."""
+    if pose.shape[0] * pose.shape[1] < shape.rough.shape[0] * shape.rough.shape[-1]:
         return _points_in_blocks(pose, mixed, camera, shape)
     count, size = len(camera), len(camera) + len(shape.gradient)
     smooth_end = count + shape.smooth_size
@@ -149,7 +196,7 @@ def block_system(pose: np.ndarray, mixed: np.ndarray, camera: np.ndarray, shape:
     dense[smooth_end:, count:smooth_end] = shape.smooth[:, shape.smooth_size :].T
     _put_blocks(dense, smooth_end, shape.rough)
     places = {
-        "pose": (False, slice(0, 6 * len(pose))),
+        "pose": (False, slice(0, pose.shape[0] * pose.shape[1])),
         "camera": (True, slice(0, count)),
         "smooth": (True, slice(count, smooth_end)),
         "rough": (True, slice(smooth_end, size)),
@@ -159,7 +206,7 @@ def block_system(pose: np.ndarray, mixed: np.ndarray, camera: np.ndarray, shape:
 
 def _points_in_blocks(pose, mixed, camera, shape: ShapeEquations) -> BlockSystem:
     views, count, smooth = len(pose), len(camera), shape.smooth_size
-    rows = 6 * views
+    rows = views * pose.shape[1]
     size = rows + count + smooth
     dense = np.zeros((size, size))
     _put_blocks(dense, 0, pose)

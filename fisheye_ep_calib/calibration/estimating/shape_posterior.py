@@ -39,7 +39,7 @@ class Linearisation:
         chosen = shape.chosen(used[self._group], used[AXIS_GROUP])
         group = self._unknown_group[kept]
         penalty = variances.penalties[group]
-        points_first = 6 * len(equations.by_view) < chosen.rough.shape[0] * chosen.rough.shape[-1]
+        points_first = equations.view_size * len(equations.by_view) < chosen.rough.shape[0] * chosen.rough.shape[-1]
         if points_first:
             solved = self._with_points_first(chosen.penalised(penalty, np.zeros_like(penalty)))
         else:
@@ -63,7 +63,7 @@ class Linearisation:
         equations = self._equations
         system = block_system(equations.pose, equations.mixed, equations.shared, chosen)
         reduced, solved = system.reduced()
-        inverse, _ = _inverse(reduced)
+        inverse, _ = inverse_and_log_determinant(reduced)
         points = len(fields)
         rows = np.zeros((points, 3, len(reduced)))
         rows[..., system.places["smooth"][1]] = fields[..., smooth]
@@ -89,7 +89,7 @@ class Linearisation:
         diagonal = np.arange(camera, len(matrix))
         matrix = matrix.copy()
         matrix[diagonal, diagonal] += penalty
-        inverse, log_determinant = _inverse(matrix)
+        inverse, log_determinant = inverse_and_log_determinant(matrix)
         step = -inverse @ gradient
         return (
             step[camera:],
@@ -121,7 +121,7 @@ class Linearisation:
         flat = coupled.reshape(own.size, -1)
         inverse_blocks = np.linalg.inv(system.blocks)
         settled = (inverse_blocks @ own[..., None]).reshape(-1)
-        inverse, log_determinant = _inverse(reduced)
+        inverse, log_determinant = inverse_and_log_determinant(reduced)
         right = dense - flat.T @ own.reshape(-1)
         step = -inverse @ right
         rough = -(settled + flat @ step)
@@ -137,7 +137,7 @@ class Linearisation:
         )
 
 
-def _inverse(matrix: np.ndarray) -> tuple[np.ndarray, float]:
+def inverse_and_log_determinant(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     """Inverse and log-determinant of a symmetric positive definite matrix, its diagonal scaled to one meanwhile."""
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     factor, failed = lapack.dpotrf(matrix * scale[:, None] * scale, lower=1)

@@ -12,28 +12,32 @@ from fisheye_ep_calib.target.shape.model import LOCAL, ShapeModel
 class ShapeProducts:
     """Collects the products of every point's local deformation (L = 3, or 9 of a disc) with the other columns.
 
-    All fields act through the deformation of the points, so that a view costs 6 × L numbers a point, however many
+    All fields act through the deformation of the points, so that a view costs q × L numbers a point, however many
     fields there are; they are multiplied in once the views are summed.
     """
 
-    def __init__(self, shape: ShapeModel, views: int, shared_size: int, has_discs: bool) -> None:
+    def __init__(self, shape: ShapeModel, views: int, view_size: int, shared_size: int, has_discs: bool) -> None:
         self._shape = shape
         count, local = len(shape.nominal), LOCAL if has_discs else 3
-        self._pose = np.zeros((views, count, 6, local))
+        self._pose = np.zeros((views, count, view_size, local))
         self._shared = np.zeros((shared_size + 1, count, local))
         self._own = np.zeros((count, local, local))
 
     def add(self, block: ViewBlock, parts: list[np.ndarray], d_local: np.ndarray, weights: np.ndarray) -> None:
-        """parts (2, Q, B, N): columns of pose, shared parameters and residual; d_local (2, L, B, N); weights (B, N)."""
+        """parts (2, Q, B, N): columns of the view's own, then of what is shared and of the residual, in any parts.
+
+        d_local (2, L, B, N). weights (B, N).
+        """
         weighted = d_local * weights**2
-        pose, *shared = *parts, d_local
+        own_columns, *shared = *parts, d_local
         count, local = self._own.shape[:2]
+        size = self._pose.shape[2] * local
         whole = bool(block.real.all() and (block.points == block.points[0]).all())
         place = np.where(block.real, block.points, count)  # padding goes to a row of its own
         rows = (np.arange(len(place))[:, None] * (count + 1) + place).reshape(-1)
-        spread = np.zeros((len(place) * (count + 1), 6 * local))
-        spread[rows] = _products(pose, weighted).reshape(6 * local, -1).T
-        self._pose[block.views] = spread.reshape(len(place), count + 1, 6, local)[:, :count]
+        spread = np.zeros((len(place) * (count + 1), size))
+        spread[rows] = _products(own_columns, weighted).reshape(size, -1).T
+        self._pose[block.views] = spread.reshape(len(place), count + 1, -1, local)[:, :count]
         sums = [_products(part, weighted).reshape(-1, *place.shape) for part in shared]
         total = np.concatenate(sums)
         if whole:  # every view shows the same points: sums need no sorting

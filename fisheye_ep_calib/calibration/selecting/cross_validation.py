@@ -84,9 +84,8 @@ def _fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
     """
     equations = _equations_without(fit, left_out)
     sightings = of_images(fit.sightings, fit.sightings.images[~left_out])
-    poses = fit.state.camera_from_target[~left_out]
     problem = replace(fit.problem, blocks=sightings.blocks)
-    state = replace(fit.state, camera_from_target=poses)
+    state = fit.state.of_views(~left_out)
     try:
         step = solve_damped(equations, ALMOST_UNDAMPED)
     except np.linalg.LinAlgError:  # the other views alone leave something open
@@ -104,11 +103,10 @@ def _equations_without(fit: Fit, left_out: np.ndarray) -> NormalEquations:
     if whole.shape is None:
         return whole.of_views(~left_out)
     part = of_images(fit.sightings, fit.sightings.images[left_out])
-    state = replace(fit.state, camera_from_target=fit.state.camera_from_target[left_out])
-    gone = evaluate(replace(fit.problem, blocks=part.blocks), state, penalised=False)
+    gone = evaluate(replace(fit.problem, blocks=part.blocks), fit.state.of_views(left_out), penalised=False)
     assert gone.shape is not None
     shape = whole.shape.minus(gone.shape, ~left_out)
-    return NormalEquations(whole.by_view[~left_out], whole.cost - gone.cost, whole.valid, shape)
+    return replace(whole, by_view=whole.by_view[~left_out], cost=whole.cost - gone.cost, shape=shape)
 
 
 def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple[float, float, int]:
@@ -123,10 +121,12 @@ def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple
         free=np.zeros_like(fit.problem.free),
         shape_free=False,
     )
-    state = replace(trained.state, camera_from_target=fit.state.camera_from_target[held_out])
+    own = fit.state.of_views(held_out)
+    state = replace(trained.state, camera_from_target=own.camera_from_target, effects=own.effects)
     refitted = adjust(problem, state, tolerance=1e-5, last_step=False)
     loss = square = 2 * refitted.equations.cost
-    if problem.loss.kind != "linear":
+    if problem.loss.kind != "linear" or problem.effects:
         error, _, _ = residuals(problem, refitted.state, len(sightings.observations.pixels))
         square = float(weighted_square(error, sightings.observations.weights).sum())
+        loss = square if problem.loss.kind == "linear" else loss
     return square, loss, sightings.point_count

@@ -4,9 +4,10 @@ A new extra is one module with an object of the ``LensExtra`` protocol and one l
 """
 
 from fisheye_ep_calib.camera.extras.extra import LensExtra
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 from fisheye_ep_calib.camera.extras.tangential import TANGENTIAL
 from fisheye_ep_calib.camera.extras.tilt import TILT
 
-LENS_EXTRAS: dict[str, LensExtra] = {extra.name: extra for extra in (TANGENTIAL, TILT)}
+LENS_EXTRAS: dict[str, LensExtra] = {extra.name: extra for extra in (TANGENTIAL, TILT, LENS_FIELD)}
 
 __all__ = ["LENS_EXTRAS", "LensExtra"]

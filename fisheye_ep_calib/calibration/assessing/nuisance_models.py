@@ -1,0 +1,94 @@
+"""What a camera would be if something else beside it were not as a fit takes it to be.
+
+One linearisation at a fit serves all (estimating/joint_posterior.py): for each model the variances of its groups are
+the most likely ones, and camera and covariance follow from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, opened
+from fisheye_ep_calib.calibration.estimating.joint_posterior import JOINT_GROUPS, LENS_GROUPS, JointLinearisation
+from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER, view_effects
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
+from fisheye_ep_calib.camera.parameters import pupil_names
+from fisheye_ep_calib.target.shape.model import FREE, GROUPS, free_model
+
+NUISANCES: Mapping[str, tuple[str, ...]] = {
+    "shape": GROUPS,
+    "shape, lens field and flex": (*GROUPS, *LENS_GROUPS, FLEX),
+    "flex and in-plane change": (*GROUPS, FLEX, IN_PLANE),
+    "rolling shutter": (*GROUPS, *SHUTTER),
+}
+
+
+@dataclass(frozen=True)
+class NuisanceModel:
+    """deviance: −2 log-likelihood, to be compared with that of another model of the same fit.
+
+    pupil, sigma (A,): E at the angles asked for and its posterior standard deviation, metres; independent noise.
+    noise_px: σ of one coordinate. variances: τ by group, of those that have not vanished: metres, radians for what
+    turns, pixels of the lens field.
+    """
+
+    name: str
+    deviance: float
+    pupil: np.ndarray
+    sigma: np.ndarray
+    noise_px: float
+    variances: Mapping[str, float]
+
+
+def joint_linearisation(fit: Fit) -> JointLinearisation:
+    """At a fit, whatever of shape, views and lens field it has: all of them free."""
+    sightings, structure = fit.sightings, fit.structure
+    seen = seen_points(sightings)
+    effects = view_effects(sightings.target, seen, sightings.observations.image_size[1])
+    extras = tuple(dict.fromkeys((*structure.extras, LENS_FIELD.name)))
+    structure = replace(structure, extras=extras)
+    sightings = replace(sightings, effects=effects)
+    if sightings.features.board.planar:
+        structure = replace(structure, board_shape=FREE)
+        if not fit.problem.shape_size:
+            sightings = replace(sightings, free=free_model(sightings.target, seen))
+    return JointLinearisation(*opened(fit, structure, sightings), sightings.point_count)
+
+
+def nuisance_models(
+    fit: Fit, angles: np.ndarray, linearisation: JointLinearisation | None = None
+) -> tuple[NuisanceModel, ...]:
+    """The models of ``NUISANCES``, E at angles (A,) rad. linearisation: of the same fit, where it is there already.
+
+    Raises numpy.linalg.LinAlgError where the sightings leave something open.
+    """
+    linearisation = linearisation or joint_linearisation(fit)
+    return tuple(_model(fit, angles, linearisation, name, groups) for name, groups in NUISANCES.items())
+
+
+def _model(fit: Fit, angles: np.ndarray, linearisation: JointLinearisation, name: str, groups) -> NuisanceModel:
+    variances, posterior = linearisation.most_likely(groups)
+    camera = fit.state.camera
+    names = pupil_names(len(camera.coefficients))
+    own = [linearisation.camera_names.index(each) for each in names]
+    basis = camera.pupil_family.basis(np.asarray(angles, float), len(names)).reshape(len(names), -1)
+    pupil = (camera.coefficients_array + posterior.change[own]) @ basis
+    variance = np.einsum("ka,kl,la->a", basis, posterior.camera[np.ix_(own, own)], basis)
+    return NuisanceModel(
+        name,
+        posterior.deviance(variances),
+        pupil,
+        variances.noise * np.sqrt(np.maximum(variance, 0.0)),
+        variances.noise,
+        {group: float(tau) for group, tau in zip(JOINT_GROUPS, variances.deviation, strict=True) if tau > 0},
+    )
+
+
+def seen_points(sightings: Sightings) -> np.ndarray:
+    """Which points (n,) of the target are seen by the images in use."""
+    observations = sightings.observations
+    used = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
+    return np.bincount(observations.point_index[used], minlength=len(observations.object_points)) > 0

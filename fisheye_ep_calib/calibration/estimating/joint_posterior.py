@@ -1,0 +1,313 @@
+"""The target's shape, a lens field and what differs from view to view, under any variances, from one linearisation.
+
+Groups of coefficients, each a priori N(0, τ²): those of the shape (target/shape/model.py, metres), of the views
+(view_effects.py, metres and radians) and of the lens field by azimuthal order. The field's columns of each order are
+made orthonormal over the sightings, so that its τ is in pixels. The likelihood is that of target/shape/variances.py: as
+it is of the same residuals, models with other groups are compared by it. What has no prior, camera and poses, has its
+solution and its covariance with every choice of variances: one Gauss–Newton step from the linearisation's state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
+from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
+from fisheye_ep_calib.calibration.estimating.shape_equations import ShapeEquations, block_system, solve_scaled
+from fisheye_ep_calib.calibration.estimating.shape_posterior import inverse_and_log_determinant
+from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD, ORDERS
+from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
+from fisheye_ep_calib.target.shape.model import AXIS_GROUP, GROUPS
+from fisheye_ep_calib.target.shape.variances import Posterior, Variances, most_likely
+
+LENS_GROUPS = tuple(f"lens order {order}" for order in ORDERS)
+JOINT_GROUPS = (*GROUPS, *VIEW_GROUPS, *LENS_GROUPS)
+_FIRST_VIEW, _FIRST_LENS = len(GROUPS), len(GROUPS) + len(VIEW_GROUPS)
+_START_SMOOTH, _START_ROUGH = 1e-4, 2e-5  # τ, metres
+_TRIED = (0.3, 1.0, 4.0)  # what an effect moves the points by, in σ, where the search for its τ starts
+_GATHERED = 1e-4  # of the mean square: what is less of a lens field's column, the others tell
+
+
+@dataclass(frozen=True)
+class JointPosterior(Posterior):
+    """With the camera: change (P,) of its free parameters from the linearisation's state, and S (P, P), its covariance
+    over σ². kinds: how many of the coefficients are the shape's, the views' and the lens field's, in this order.
+    """
+
+    change: np.ndarray
+    camera: np.ndarray
+    kinds: tuple[int, int, int]
+
+
+class JointLinearisation:
+    """Of a problem whose shape, view effects and lens field are all free, at a state."""
+
+    def __init__(self, problem: AdjustmentProblem, state: AdjustmentState, point_count: int) -> None:
+        effects, shape = problem.effects, problem.shape
+        assert effects is not None
+        equations = evaluate(problem, state, penalised=False)
+        if len(state.effects):
+            equations = equations.without_effects(state.effects)
+        if equations.shape is not None:
+            equations = equations.from_flat(state.shape.vector)
+        self.point_count = point_count
+        self._view_group = _FIRST_VIEW + effects.group
+        self._smooth_group = shape.group if problem.shape_size else np.zeros(0, int)
+        names = np.array(state.camera.parameter_names)[problem.free]
+        in_field = np.isin(np.concatenate([names, [""] * problem.bow_size]), LENS_FIELD.coefficient_names)
+        self._camera_columns, field = np.flatnonzero(~in_field), np.flatnonzero(in_field)
+        self.camera_names = tuple(names[~in_field[: len(names)]].tolist())
+        self._equations, self._lens_group = _with_gathered_field(equations, field, point_count)
+        self._lens_columns = len(in_field) - len(field) + np.arange(len(self._lens_group))
+        if len(field):
+            self._camera_columns = np.arange(len(in_field) - len(field))
+        self.freedom = 2 * point_count - 6 * problem.view_count - len(self._camera_columns)
+        self._found: dict[tuple[str, ...], tuple[Variances, JointPosterior]] = {}
+
+    @property
+    def valid(self) -> bool:
+        return self._equations.valid and self.freedom > 0
+
+    @property
+    def available(self) -> tuple[str, ...]:
+        """Groups of which there are columns."""
+        shape = self._equations.shape
+        rough = AXIS_GROUP if shape is not None and shape.rough.size else np.zeros(0, int)
+        there = np.concatenate([self._smooth_group, rough, self._view_group, self._lens_group])
+        return tuple(JOINT_GROUPS[group] for group in np.unique(there))
+
+    def __call__(self, variances: Variances) -> JointPosterior:
+        """Raises numpy.linalg.LinAlgError where the sightings leave something open."""
+        used, penalties = variances.deviation > 0, variances.penalties
+        equations = self._equations
+        views = np.flatnonzero(used[self._view_group])
+        view_group, lens = self._view_group[views], self._lens_columns[used[self._lens_group]]
+        lens_group = self._lens_group[used[self._lens_group]]
+        own, shared = np.concatenate([np.arange(6), 6 + views]), np.concatenate([self._camera_columns, lens])
+        pose = equations.pose[:, own[:, None], own]
+        pose[:, np.arange(6, len(own)), np.arange(6, len(own))] += penalties[view_group]
+        camera = equations.shared[np.ix_(shared, shared)]
+        first = len(self._camera_columns)
+        camera[np.arange(first, len(shared)), np.arange(first, len(shared))] += penalties[lens_group]
+        shape, shape_group = self._chosen_shape(used, own, shared)
+        shape = shape.penalised(penalties[shape_group], np.zeros(len(shape_group)))
+        gradient = {
+            "pose": equations.pose_gradient[:, own].reshape(-1),
+            "camera": equations.shared_gradient[shared],
+            "smooth": shape.gradient[: shape.smooth_size],
+            "rough": shape.gradient[shape.smooth_size :],
+        }
+        mixed = equations.mixed[:, own[:, None], shared]
+        solution = block_system(pose, mixed, camera, shape).inverted(gradient, inverse_and_log_determinant)
+        step, variance = solution.step, solution.variance
+        parts = [
+            (
+                found["smooth"],
+                found["rough"],
+                found["pose"].reshape(-1, len(own))[:, 6:].reshape(-1),
+                found["camera"][first:],
+            )
+            for found in (step, variance)
+        ]
+        group = np.concatenate([shape_group, np.tile(view_group, len(pose)), lens_group])
+        return JointPosterior(
+            group,
+            np.concatenate(parts[0]),
+            np.concatenate(parts[1]),
+            2 * equations.cost - solution.decrease,
+            solution.log_determinant,
+            self.freedom,
+            step["camera"][:first],
+            solution.camera[:first, :first],
+            (len(shape_group), len(view_group) * len(pose), len(lens_group)),
+        )
+
+    def _chosen_shape(self, used: np.ndarray, own: np.ndarray, shared: np.ndarray) -> tuple[ShapeEquations, np.ndarray]:
+        """The shape's equations of the groups in use, with some of the views' and shared columns; their groups (K,)."""
+        shape = self._equations.shape
+        if shape is None:
+            views = len(self._equations.by_view)
+            none = np.zeros((0, 0))
+            return ShapeEquations(
+                np.zeros((views, len(own), 0)), np.zeros((len(shared), 0)), none, np.zeros((0, 3, 3)), np.zeros(0)
+            ), np.zeros(0, int)
+        axes = used[AXIS_GROUP] if shape.rough.size else np.zeros(3, bool)
+        chosen = shape.chosen(used[self._smooth_group], axes)
+        smooth = self._smooth_group[used[self._smooth_group]]
+        group = np.concatenate([smooth, np.tile(AXIS_GROUP[axes], len(shape.rough) * bool(axes.any()))])
+        return replace(chosen, pose=chosen.pose[:, own], camera=chosen.camera[shared]), group
+
+    def most_likely(self, groups: Iterable[str]) -> tuple[Variances, JointPosterior]:
+        """The variances of some groups and the posterior under them; groups may vanish. Found once."""
+        asked = set(groups) & set(self.available)
+        wanted = tuple(name for name in JOINT_GROUPS if name in asked)
+        if wanted not in self._found:
+            self._found[wanted] = self._search(wanted)
+        return self._found[wanted]
+
+    def _search(self, wanted: Sequence[str]) -> tuple[Variances, JointPosterior]:
+        """From the best of a few τ of each group of the views, and of the lens field, on top of the rest without them.
+
+        Started all at once, what one group explains may be taken by another, and left there.
+        """
+        own = [[index] for index in map(JOINT_GROUPS.index, wanted) if _FIRST_VIEW <= index < _FIRST_LENS]
+        own += [[index for index in map(JOINT_GROUPS.index, wanted) if index >= _FIRST_LENS]]
+        own = [groups for groups in own if groups]
+        if not own:
+            return self._settled(Variances(_start(wanted), self._noise()), from_nothing=True)
+        variances, posterior = self.most_likely([name for name in wanted if name in GROUPS])
+        without = (replace(variances, noise=posterior.noise), posterior)
+        best = min(self._starts(*without, own), key=lambda each: each[1].deviance(each[0]))
+        if best[0] is without[0]:
+            return without
+        settled = self._settled(replace(best[0], noise=best[1].noise), from_nothing=False)
+        return min((settled, best), key=lambda each: each[1].deviance(each[0]))
+
+    def _starts(
+        self, variances: Variances, posterior: JointPosterior, own: Sequence[Sequence[int]]
+    ) -> Iterator[tuple[Variances, JointPosterior]]:
+        """What is there, and with further groups at a few τ, the best of those before kept."""
+        best = (variances, posterior)
+        yield best
+        for groups in own:
+            trials = []
+            for size in _TRIED:
+                deviation = best[0].deviation.copy()
+                deviation[groups] = [size * variances.noise / self._effect_of_unit(group) for group in groups]
+                trial = replace(best[0], deviation=deviation)
+                trials.append((trial, self(trial)))
+            yield from trials
+            best = min((best, *trials), key=lambda each: each[1].deviance(each[0]))
+
+    def _settled(self, start: Variances, from_nothing: bool) -> tuple[Variances, JointPosterior]:
+        variances, posterior = most_likely(self, start, from_nothing)
+        assert isinstance(posterior, JointPosterior)
+        return variances, posterior
+
+    def _noise(self) -> float:
+        nothing = Variances(np.zeros(len(JOINT_GROUPS)), 1.0)
+        return self(nothing).noise
+
+    def _effect_of_unit(self, group: int) -> float:
+        """Root mean square, px, of what a coefficient 1 of a group does to the points of all views."""
+        if group >= _FIRST_LENS:
+            return 1.0
+        columns = 6 + np.flatnonzero(self._view_group == group)
+        square = self._equations.by_view[:, columns, columns].sum(axis=0).mean()
+        return float(np.sqrt(square / self.point_count))
+
+    def visible(self, variances: Variances, posterior: JointPosterior, groups: Iterable[str]) -> float:
+        """What some groups do to the residuals of a camera and poses fitted without them: px², summed over the points.
+
+        The posterior's mean of |M Z b|², Z their columns, M the projection that eliminates poses and camera:
+        |M Z a|² + σ² tr(Zᵀ M Z S), in the second term S by its diagonal and, for the views', M by the poses' part.
+        """
+        wanted = np.isin(np.array(JOINT_GROUPS)[posterior.group], list(groups))
+        value = np.where(wanted, posterior.value, 0.0)
+        own = self._full_diagonal(variances, posterior)
+        spread = float((own * posterior.variance)[wanted].sum()) * variances.noise**2
+        return self._square_beside_camera(variances, posterior, value) + spread
+
+    def _parts(self, variances: Variances, posterior: JointPosterior):
+        """Columns used of the views' own and of the lens field; the shape's equations with all the other columns."""
+        used = variances.deviation > 0
+        views = 6 + np.flatnonzero(used[self._view_group])
+        lens = self._lens_columns[used[self._lens_group]]
+        shape, _ = self._chosen_shape(
+            used, np.arange(self._equations.view_size), np.arange(len(self._equations.shared))
+        )
+        return views, lens, shape
+
+    def _square_beside_camera(self, variances: Variances, posterior: JointPosterior, value: np.ndarray) -> float:
+        """|M Z a|² of coefficients a (K,) in the posterior's order."""
+        equations = self._equations
+        views, lens, shape = self._parts(variances, posterior)
+        ends = np.cumsum(posterior.kinds)
+        a, by_view, of_lens = (
+            value[: ends[0]],
+            value[ends[0] : ends[1]].reshape(len(equations.pose), -1),
+            value[ends[1] :],
+        )
+        camera = self._camera_columns
+        hessian, size = equations.by_view, equations.view_size
+        on_own = shape.pose @ a + np.einsum("vqk,vk->vq", hessian[:, :size, views], by_view)
+        on_own += equations.mixed[:, :, lens] @ of_lens
+        on_shared = shape.camera @ a + np.einsum("vsk,vk->s", hessian[:, size:-1, views], by_view)
+        on_shared += equations.shared[:, lens] @ of_lens
+        square = a @ shape.times(a) + 2 * (np.einsum("vq,vqk->k", by_view, shape.pose[:, views]) @ a)
+        square += np.einsum("vk,vkl,vl->", by_view, hessian[:, views[:, None], views], by_view)
+        square += of_lens @ (2 * on_shared[lens] - equations.shared[np.ix_(lens, lens)] @ of_lens)
+        pose, mixed = equations.pose[:, :6, :6], equations.mixed[:, :6, camera]
+        on_pose = on_own[:, :6]
+        settled = np.linalg.solve(pose, np.concatenate([mixed, on_pose[..., None]], axis=-1))
+        reduced = equations.shared[np.ix_(camera, camera)] - np.einsum("vqs,vqt->st", mixed, settled[..., :-1])
+        right = on_shared[camera] - np.einsum("vqs,vq->s", mixed, settled[..., -1])
+        taken = (on_pose * settled[..., -1]).sum() + right @ solve_scaled(reduced, right)
+        return max(float(square - taken), 0.0)
+
+    def _full_diagonal(self, variances: Variances, posterior: JointPosterior) -> np.ndarray:
+        """Diagonal (K,) of Zᵀ M Z; of the views' own columns with only their pose eliminated."""
+        equations = self._equations
+        views, lens, shape = self._parts(variances, posterior)
+        camera = self._camera_columns
+        pose, mixed = equations.pose[:, :6, :6], equations.mixed[:, :6, camera]
+        own = equations.by_view[:, :6, views]
+        taken = (own * np.linalg.solve(pose, own)).sum(axis=1)
+        of_views = equations.by_view[:, views, views] - taken
+        beside = np.concatenate([shape.pose[:, :6], equations.mixed[:, :6, lens]], axis=-1)
+        settled = np.linalg.inv(pose) @ beside
+        shared = np.concatenate([shape.camera[camera], equations.shared[np.ix_(camera, lens)]], axis=-1)
+        shared = shared - np.einsum("vqs,vqk->sk", mixed, settled, optimize=True)
+        reduced = equations.shared[np.ix_(camera, camera)]
+        reduced = reduced - np.einsum("vqs,vqt->st", mixed, np.linalg.solve(pose, mixed))
+        diagonal = np.concatenate([shape.diagonal, np.diag(equations.shared)[lens]])
+        diagonal = diagonal - (beside * settled).sum(axis=(0, 1)) - (shared * solve_scaled(reduced, shared)).sum(axis=0)
+        count = posterior.kinds[0]
+        whole = np.concatenate([diagonal[:count], of_views.reshape(-1), diagonal[count:]])
+        return np.maximum(whole, 0.0)
+
+
+def _start(groups: Sequence[str]) -> np.ndarray:
+    """τ (G,) to begin with, of groups of the shape."""
+    first = {name: _START_SMOOTH if name in SMOOTH_GROUPS else _START_ROUGH for name in GROUPS}
+    return np.array([first[name] if name in groups else 0.0 for name in JOINT_GROUPS])
+
+
+def _with_gathered_field(
+    equations: NormalEquations, field: np.ndarray, points: int
+) -> tuple[NormalEquations, np.ndarray]:
+    """Equations whose columns of the lens field, at these places of the shared ones, stand last, orthonormal by order.
+
+    Their mean square is 1 px² a point; what the sightings do not tell apart is left out. group (F,) of each.
+    """
+    if len(field) == 0:
+        return equations, np.zeros(0, int)
+    orders = np.array(LENS_FIELD.orders)
+    gram = equations.shared[np.ix_(field, field)]
+    mixing, group = [], []
+    for index, order in enumerate(ORDERS):
+        own = np.flatnonzero(orders == order)
+        scale = 1 / np.sqrt(np.maximum(np.diag(gram)[own], 1e-300))
+        values, vectors = np.linalg.eigh(gram[np.ix_(own, own)] * scale[:, None] * scale)
+        kept = values > _GATHERED * values.max()
+        part = np.zeros((len(field), int(kept.sum())))
+        part[own] = scale[:, None] * vectors[:, kept] * np.sqrt(points / values[kept])
+        mixing.append(part)
+        group += [_FIRST_LENS + index] * part.shape[1]
+    size, shared = equations.view_size, len(equations.shared)
+    rest = np.setdiff1d(np.arange(shared), field)
+    turn = np.zeros((shared, len(rest) + len(group)))
+    turn[rest, np.arange(len(rest))] = 1.0
+    turn[field, len(rest) :] = np.concatenate(mixing, axis=1)
+    whole = np.zeros((size + shared + 1, size + turn.shape[1] + 1))
+    whole[:size, :size], whole[-1, -1] = np.eye(size), 1.0
+    whole[size:-1, size:-1] = turn
+    by_view = whole.T @ equations.by_view @ whole
+    shape = equations.shape
+    if shape is not None:
+        shape = replace(shape, camera=turn.T @ shape.camera)
+    return replace(equations, by_view=by_view, shape=shape), np.array(group)
