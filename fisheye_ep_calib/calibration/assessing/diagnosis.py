@@ -14,6 +14,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.assessing.board_findings import board_bent, board_scale
 from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference, camera_difference
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
+from fisheye_ep_calib.calibration.assessing.extent import smaller_lattice
 from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.assessing.two_cameras import PARAMETERS, two_cameras
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
@@ -25,6 +26,7 @@ from fisheye_ep_calib.target.shape.measured import BoardShape
 
 RING_DEGREES = 15
 SECTORS = len(SECTOR_NAMES)
+_FARTHEST_M, _LARGEST_PUPIL_M = 20.0, 0.05  # beyond which a length's unit is doubted
 _FEW_VIEWS = 8  # below which a view more or less changes the camera beyond its bands
 
 
@@ -79,6 +81,8 @@ def diagnose(
         *_correlated_residuals(uncertainty(fit).clustering),
         *_copies(len(fit.sightings.images), same_place or {}),
         *_two_cameras(fit, names),
+        *_squares_counted(fit),
+        *_units(distance, camera),
         _few_views(len(fit.sightings.images)),
         *(() if board is None else (board_bent(board), board_scale(board))),
     ]
@@ -237,6 +241,31 @@ def _copies(views: int, same_place: Mapping[int, tuple[int, ...]]) -> list[Findi
         "move the target between images"
     )
     return [Finding("copies", {"images": float(images), "places": float(views)}, True, told)]
+
+
+def _squares_counted(fit: Fit) -> list[Finding]:
+    seen = fit.sightings.observations
+    found = smaller_lattice(seen.object_points, seen.image_index, seen.point_index)
+    if found is None:
+        return []
+    columns, rows, most_columns, most_rows = found
+    values = {"columns": float(columns), "rows": float(rows)}
+    told = (
+        f"no view shows more than {most_columns} × {most_rows} of the target file's {columns} × {rows} points: were"
+        " squares counted instead of inner corners? Then points are named differently from view to view"
+    )
+    return [Finding("squares_counted", values, True, told)]
+
+
+def _units(distance: np.ndarray, camera: FisheyeCamera) -> list[Finding]:
+    """Distances (M,) and a pupil, metres, that no target and no lens have."""
+    far = float(np.median(distance))
+    shift = float(np.abs(camera.entrance_pupil(np.linspace(0, camera.theta_max, 50))).max())
+    if far <= _FARTHEST_M and shift <= _LARGEST_PUPIL_M:
+        return []
+    told = f"the target stands {far:.3g} m away and the entrance pupil moves by {1e3 * shift:.3g} mm"
+    advice = ": are the target file's lengths in metres?"
+    return [Finding("units", {"distance_m": far, "pupil_mm": 1e3 * shift}, True, told + advice)]
 
 
 def _two_cameras(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
