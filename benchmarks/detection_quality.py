@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ from detection_scores import evaluate
 
 from fisheye_ep_calib import Observations, calibrate
 from fisheye_ep_calib.simulation import clutter_image, paper_camera
-from fisheye_ep_calib.simulation.evaluation_set import evaluation_set
+from fisheye_ep_calib.simulation.evaluation_set import EvaluationView, evaluation_set
 from fisheye_ep_calib.target import load_target, parse_target
 
 TARGETS = sorted((Path(__file__).resolve().parents[1] / "config" / "targets").glob("*.yaml"))
@@ -44,18 +45,25 @@ def main() -> None:
 
 
 def rendered(path: Path, seed: int) -> None:
-    """One shipped target: both passes, and images without it."""
+    """One shipped target and its negative: both passes, and images without it."""
     camera, target = paper_camera(), load_target(path)
     views = evaluation_set(camera, target, seed=seed)
-    for name, score in zip(("first pass", "second pass"), evaluate(camera, target, views), strict=True):
-        print(
-            f"{target.name:28s} {name:11s} found {score.share:.4f} in {score.views_found} of {len(views)} views,"
-            f" mislabelled {score.mislabelled}, median error {score.median_error:.4f} px",
-            flush=True,
-        )
+    for kind, seen in (("", views), ("negative ", [negative(view) for view in views[::3]])):
+        for name, score in zip(("first pass", "second pass"), evaluate(camera, target, seen), strict=True):
+            print(
+                f"{target.name:28s} {kind + name:20s} found {score.share:.4f}"
+                f" in {score.views_found} of {len(seen)} views,"
+                f" mislabelled {score.mislabelled}, median error {score.median_error:.4f} px",
+                flush=True,
+            )
     detector = target.detector()
     false = sum(len(detector.detect(clutter_image(number))) > 0 for number in range(CLUTTER))
-    print(f"{target.name:28s} clutter     found in {false} of {CLUTTER}", flush=True)
+    print(f"{target.name:28s} {'clutter':20s} found in {false} of {CLUTTER}", flush=True)
+
+
+def negative(view: EvaluationView) -> EvaluationView:
+    """The same view of a board with black and white exchanged."""
+    return replace(view, imaging=replace(view.imaging, black=view.imaging.white, white=view.imaging.black))
 
 
 def photographs(folder: Path, keys: dict) -> None:
