@@ -15,6 +15,7 @@ from fisheye_ep_calib.target.shape.model import BOW, FLAT
 
 LENS = "kannala_brandt"  # unless another is asked for, or needed
 FREER_LENS = "kannala_brandt_6"
+_ANGLES = 60  # at which curves are compared
 
 
 @dataclass(frozen=True)
@@ -80,18 +81,43 @@ class Structure:
             lens=self.lens,
         )
 
-    def camera_like(self, other: FisheyeCamera) -> FisheyeCamera:
-        """This structure's camera with every parameter that it shares with another's; the rest starts at zero."""
+    def camera_like(self, other: FisheyeCamera, largest_angle: float = np.pi / 2) -> FisheyeCamera:
+        """This structure's camera with every parameter that it shares with another's; the rest starts at zero.
+
+        A pupil of other terms, and a lens of fewer, start where their curves come nearest to the other's up to the
+        largest angle, rad: a series cut short is another curve.
+        """
         start = self.camera(other.image_size, np.array([other.fx, other.fy]), np.array([other.cx, other.cy]))
         shared = dict(zip(other.parameter_names, other.parameters, strict=True))
-        if other.model != self.model:
+        theta = np.linspace(0.0, largest_angle, _ANGLES + 1)[1:]
+        if other.model != self.model or len(other.coefficients) > self.pupil_terms:
             for name in pupil_names(len(other.coefficients)):
                 del shared[name]
+            shared |= zip(pupil_names(self.pupil_terms), self._pupil_like(other, theta), strict=True)
+        if _is_series_cut_short(self.lens, other.lens):
+            names = LENSES[self.lens].coefficient_names
+            columns = start.lens_model.radius_jacobian(theta, start.radial_array).T
+            radial = np.linalg.lstsq(columns, other.radius(theta) - theta, rcond=None)[0]
+            shared |= zip(names, radial.tolist(), strict=True)
         if not self.skew:
             shared["skew"] = 0.0
         values = [shared.get(name, value) for name, value in zip(start.parameter_names, start.parameters, strict=True)]
         return start.with_parameters(np.array(values))
 
+    def _pupil_like(self, other: FisheyeCamera, theta: np.ndarray) -> list[float]:
+        """Coefficients of this structure's E(θ) that come nearest to another's at angles (n,), rad."""
+        if not self.pupil_terms or not any(other.coefficients):
+            return [0.0] * self.pupil_terms
+        basis = PUPIL_FAMILIES[self.model].basis(theta, self.pupil_terms)
+        coefficients: list[float] = np.linalg.lstsq(basis.T, other.entrance_pupil(theta), rcond=None)[0].tolist()
+        return coefficients
+
     def free(self, camera: FisheyeCamera) -> np.ndarray:
         """bool (P,): which of camera.parameters are estimated."""
         return np.array([name != "skew" or self.skew for name in camera.parameter_names])
+
+
+def _is_series_cut_short(lens: str, other: str) -> bool:
+    """Whether a lens is Kannala and Brandt's polynomial with fewer terms than another's."""
+    both = {lens, other} <= {LENS, FREER_LENS}
+    return both and len(LENSES[lens].coefficient_names) < len(LENSES[other].coefficient_names)

@@ -9,6 +9,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 from fisheye_ep_calib.calibration.words import Verdict
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,9 @@ class StandInLoss:
 class CameraReport:
     """One camera of a report. kind: "calibration" or "evaluation".
 
-    unused: name of an image that is no view → why. facts: label → value, the figures at the head.
-    inputs: label → value, where everything came from. reasons: how the model was chosen, a line each.
+    board: the target's shape where it is not as its file has it. unused: name of an image that is no view → why.
+    facts: label → value, the figures at the head. inputs: label → value, where everything came from. reasons: how the
+    model was chosen, a line each.
     """
 
     name: str
@@ -160,6 +162,7 @@ class CameraReport:
     uncertainty_maps: tuple[UncertaintyMap, ...] = ()
     uncertainty_table: ProjectionTable | None = None
     near_far: NearFar | None = None
+    board: BoardShape | None = None
     stand_in: StandInLoss | None = None
     rejected: tuple[Rejected, ...] = ()
     unused: dict[str, str] = field(default_factory=dict)

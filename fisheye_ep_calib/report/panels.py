@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fisheye_ep_calib.calibration.words import distance_text
 from fisheye_ep_calib.report.data import CameraReport
+from fisheye_ep_calib.report.figures.board import board_figure
 from fisheye_ep_calib.report.figures.coverage import coverage_figure, distance_figure, uncertainty_figure
 from fisheye_ep_calib.report.figures.curves import lens_figure, near_far_figure, pupil_figure, stand_in_figure
 from fisheye_ep_calib.report.figures.residuals import (
@@ -30,7 +31,7 @@ def panels_of(camera: CameraReport, prefix: str) -> dict[str, tuple[Panel, ...]]
     sections = {
         "The camera": _camera_panels(camera, prefix),
         "Residuals": _residual_panels(camera, prefix),
-        "What was recorded": _coverage_panels(camera, prefix),
+        "What was recorded": (*_coverage_panels(camera, prefix), *_board_panels(camera, prefix)),
         "What is left uncertain": _uncertainty_panels(camera, prefix),
     }
     return {title: panels for title, panels in sections.items() if panels}
@@ -122,6 +123,22 @@ def _coverage_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
             "Coverage by angle and distance",
             distance_figure(camera.residuals, f"{prefix}-depth"),
             "The pupil is told from the lens where a column at a large angle is filled over a wide range of distances.",
+        ),
+    )
+
+
+def _board_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
+    if camera.board is None:
+        return ()
+    drawn, factor = board_figure(camera.board, f"{prefix}-board")
+    told = camera.board.sentence
+    return (
+        Panel(
+            f"{prefix}-board",
+            "The board as it is",
+            drawn,
+            f"Against its file: {told}. Colour: height. Arrows: what the points are off in the plane, {factor:g} times "
+            "enlarged. The size of the whole cannot be seen.",
         ),
     )
 

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.report.data import CameraReport, StandInLoss
+from fisheye_ep_calib.report.figures.board import draw_board
 from fisheye_ep_calib.report.figures.coverage import draw_coverage, draw_distances, draw_uncertainty
 from fisheye_ep_calib.report.figures.curves import draw_lens, draw_near_far, draw_pupil, draw_stand_in
 from fisheye_ep_calib.report.figures.residuals import (
@@ -64,6 +65,12 @@ class CameraPlots:
                 f"there are {len(self._page.uncertainty_maps)} maps of the uncertainty; `which` is {which}"
             )
         return _drawn(ax, draw_uncertainty, self._page.uncertainty_maps[which], self._page.image_size)
+
+    def board(self, ax: Axes | None = None) -> Axes:
+        """The board as it is: height as colour, what its points are off in the plane as arrows; mm."""
+        if self._page.board is None:
+            raise InputError("the board is as its file has it: there is no shape to draw")
+        return _drawn(ax, draw_board, self._page.board)
 
     def near_far(self, ax: Axes | None = None) -> Axes:
         """The nearer and the farther half of the views, each fitted alone, compared at infinity."""

@@ -170,3 +170,15 @@ def test_what_cannot_be_held_is_refused(wavy, tmp_path) -> None:
     (tmp_path / "plain.yaml").write_text("type: chessboard\ncolumns: 9\nrows: 6\nspacing: 0.02\n")
     with pytest.raises(InputError, match="no shape was measured"):
         calibrate(observations, board_shape=tmp_path / "plain.yaml")
+
+
+def test_the_board_is_drawn_where_it_is_not_flat(wavy) -> None:
+    from matplotlib.figure import Figure
+
+    _, _, result = wavy
+    axes = result.plot.board(Figure().add_subplot())
+    heights = axes.collections[0].get_array()
+    assert np.allclose(heights, 1e3 * result.board.deviation[:, 2])
+    flat = calibrate(seen_bent("bow", 0.0)[0], "ep_even")
+    with pytest.raises(InputError, match="no shape to draw"):
+        flat.plot.board()

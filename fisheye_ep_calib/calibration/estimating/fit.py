@@ -342,11 +342,11 @@ def opened(
     sightings: the start's, or some of its images. loss: defaults to the sightings'.
     """
     state = start.state
-    camera = structure.camera_like(state.camera)
+    theta = start.residuals[1]
+    camera = structure.camera_like(state.camera, float(np.nanmax(theta)))
     position = np.searchsorted(start.sightings.images, sightings.images)
     poses = state.camera_from_target[position]
     model = sightings.shape_model(structure.board_shape)
-    theta = start.residuals[1]
     problem = AdjustmentProblem(
         sightings.blocks,
         replace(sightings.features, target_axis=structure.target_axis),
