@@ -37,7 +37,7 @@ EDGE = np.radians(80)  # of the field over which projections are compared
 # Model and options that hold each camera to less than the noise, and the camera.
 CAMERAS = {
     "table 1": ("ep_odd", {}, paper_camera),
-    "ray-traced": ("ep_even", {"terms": 3, "lens": "kannala_brandt_6"}, laikin_camera),
+    "ray-traced": ("ep_even", {"terms": 4, "lens": "kannala_brandt_6"}, laikin_camera),
 }
 KINDS = ("flat", "bow .3", "wave .1", "wave .3", "corner .5", "x-scale", "shear", "jitter .02", "jitter .1", "all")
 EIGHT_VIEWS = ((0, 1), (32, 2), (58, 3), (78, 2))  # angle off the axis in degrees, number of views
