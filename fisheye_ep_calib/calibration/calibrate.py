@@ -32,6 +32,7 @@ from fisheye_ep_calib.calibration.structure import LENS, Structure
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.target.registry import load_shape
+from fisheye_ep_calib.target.shape.faces import faces_of
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import BOW, FLAT, FREE
 
@@ -182,7 +183,7 @@ def _screened_fit(
         start, fit = refine(mended, start.structure), mended
     adjusted = time.perf_counter()
     reasons: tuple[str, ...] = ()
-    if shape in (FREE, AUTO) and fit.sightings.features.board.planar:
+    if shape in (FREE, AUTO) and faces_of(fit.sightings.observations.object_points):
         screening, fit, reasons = _with_shape(start, fit, settings, shape, families)
     else:
         screening = Screening(huber_fit(start, fit), (), ()) if settings.loss == "huber" else screen(start, fit)

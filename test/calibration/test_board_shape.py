@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bent_boards import aligned, seen_bent
-from known_scenes import BOARD, CAMERA, with_gross_errors
+from bent_boards import aligned, bent, seen_bent
+from known_scenes import BOARD, CAMERA, poses_of, seen, with_gross_errors
 
 from fisheye_ep_calib import InputError, Observations, calibrate, evaluate, load_target, save_camera
 from fisheye_ep_calib.camera.bands import pupil_sigma
@@ -182,3 +182,21 @@ def test_the_board_is_drawn_where_it_is_not_flat(wavy) -> None:
     flat = calibrate(seen_bent("bow", 0.0)[0], "ep_even")
     with pytest.raises(InputError, match="no shape to draw"):
         flat.plot.board()
+
+
+def test_each_face_of_a_box_of_boards_has_its_own_shape() -> None:
+    board = BOARD.object_points + [0.02, 0.02, 0.0]
+    faces = [board, board[:, [2, 0, 1]], board[:, [1, 2, 0]]]
+    bends = [bent(board, "bow", 4e-4), board, bent(board, "wave", 3e-4)]
+    turned = [bends[0], bends[1][:, [2, 0, 1]], bends[2][:, [1, 2, 0]]]
+    nominal, true = np.concatenate(faces), np.concatenate(turned)
+    observations = replace(seen(CAMERA, true, poses_of(20)), object_points=nominal)
+    plain = calibrate(observations, "ep_even")
+    result = calibrate(observations, "ep_even", board_shape="auto")
+    assert result.board.kind == "free" and result.board.bent
+    assert result.rms_px < 0.16 < plain.rms_px
+    assert left(result, true) < 0.5 * left(plain, true)
+    heights = result.board.in_board_axes[:, 2]
+    assert np.ptp(heights[54:108]) < 0.3 * np.ptp(heights[:54])
+    surveyed = np.random.default_rng(2).uniform(-0.06, 0.06, (40, 3))
+    assert calibrate(seen(CAMERA, surveyed, poses_of(12)), "ep_even", board_shape="free").board.kind == "flat"

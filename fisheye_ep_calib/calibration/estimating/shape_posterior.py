@@ -53,7 +53,7 @@ class Linearisation:
         A shift is M (a, ρ_i) with M = [φ(i), A]; where points are eliminated first, ρ_i = −D_i⁻¹ G_i d of the dense
         unknowns d adds to its rows, and M D_i⁻¹ Mᵀ to its variance.
         """
-        shape, fields, axes = self._equations.shape, self._model.fields[:, :3], self._model.frame.axes
+        shape, fields, axes = self._equations.shape, self._model.fields[:, :3], self._model.point_axes
         assert shape is not None
         used = variances.deviation > 0
         smooth, along = used[self._group], used[AXIS_GROUP]
@@ -72,11 +72,11 @@ class Linearisation:
             is_dense, place = system.places["rough"]
             if is_dense:
                 each = np.zeros((points, 3, points, int(along.sum())))
-                each[np.arange(points), :, np.arange(points)] = axes[:, along]
+                each[np.arange(points), :, np.arange(points)] = axes[..., along]
                 rows[..., place] = each.reshape(points, 3, -1)
             else:
-                rows -= axes[:, along] @ solved
-                own = np.einsum("ia,nab,ib->ni", axes[:, along], np.linalg.inv(system.blocks), axes[:, along])
+                rows -= axes[..., along] @ solved
+                own = np.einsum("nia,nab,nib->ni", axes[..., along], np.linalg.inv(system.blocks), axes[..., along])
         return own + ((rows @ inverse) * rows).sum(axis=-1)
 
     def _with_poses_first(self, kept, chosen, penalty):

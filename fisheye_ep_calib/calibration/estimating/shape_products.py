@@ -52,7 +52,7 @@ class ShapeProducts:
 
     def equations(self) -> ShapeEquations:
         local = self._own.shape[1]
-        fields, axes = self._shape.fields[:, :local], self._shape.frame.axes
+        fields, axes = self._shape.fields[:, :local], self._shape.point_axes
         flat = fields.reshape(fields.shape[0] * local, fields.shape[-1])
         is_rough = self._shape.rough_size > 0
 
@@ -61,12 +61,12 @@ class ShapeProducts:
             smooth = products.reshape(*products.shape[:-2], len(flat)) @ flat
             if not is_rough:
                 return smooth
-            rough = products[..., :3] @ axes
+            rough = np.einsum("...ni,nij->...nj", products[..., :3], axes, optimize=True)
             return np.concatenate([smooth, rough.reshape(*rough.shape[:-2], rough.shape[-2] * 3)], axis=-1)
 
         shared = by_unknown(self._shared)
         own_smooth = np.einsum("nlk,nlm->knm", fields, self._own, optimize=True)
-        rough = axes.T @ self._own[:, :3, :3] @ axes if is_rough else np.zeros((0, 3, 3))
+        rough = np.swapaxes(axes, 1, 2) @ self._own[:, :3, :3] @ axes if is_rough else np.zeros((0, 3, 3))
         return ShapeEquations(
             by_unknown(np.moveaxis(self._pose, 1, 2)), shared[:-1], by_unknown(own_smooth), rough, shared[-1]
         )

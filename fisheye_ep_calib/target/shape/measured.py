@@ -10,6 +10,7 @@ import numpy as np
 
 from fisheye_ep_calib.target.shape.basis import smooth_fields
 from fisheye_ep_calib.target.shape.bow import nearest_bow
+from fisheye_ep_calib.target.shape.faces import faces_of
 from fisheye_ep_calib.target.shape.frame import BoardFrame, board_frame
 from fisheye_ep_calib.target.shape.model import FLAT, LOCAL
 
@@ -74,10 +75,14 @@ class BoardShape:
     def frame(self) -> BoardFrame:
         return board_frame(self.object_points)
 
-    @property
+    @cached_property
     def in_board_axes(self) -> np.ndarray:
-        """deviation (n, 3) along the board's x, y and normal, metres."""
-        return self.deviation @ self.frame.axes
+        """deviation (n, 3) along the x, y and normal of each point's face, metres."""
+        turned = self.deviation @ self.frame.axes
+        if not self.frame.planar:
+            for face in faces_of(self.object_points):
+                turned[face] = self.deviation[face] @ board_frame(self.object_points[face]).axes
+        return turned
 
     @property
     def local(self) -> np.ndarray:
@@ -87,7 +92,7 @@ class BoardShape:
 
     def _fitted_slopes(self) -> np.ndarray:
         """Slopes (n, 6) of the smooth fields of low degree that come nearest to the deviation."""
-        if not np.any(self.deviation):
+        if not self.bends or not self.frame.planar:
             return np.zeros((len(self.deviation), LOCAL - 3))
         fields = smooth_fields(self.frame, self.object_points, np.ones(len(self.deviation), bool), _LOCAL_DEGREE)
         flat = fields.value.reshape(-1, fields.value.shape[-1])
@@ -97,7 +102,7 @@ class BoardShape:
     @property
     def bow(self) -> np.ndarray:
         """w_x, w_y, w_xy (3,), metres, of the nearest bow (bow.py)."""
-        if not np.any(self.deviation):
+        if not self.bends or not self.frame.planar:
             return np.zeros(3)
         return nearest_bow(self.frame, self.object_points, self.in_board_axes[:, 2])
 
@@ -122,6 +127,8 @@ class BoardShape:
     @property
     def aspect_percent(self) -> float:
         """By how much the board is longer along its x than along its y, against its file."""
+        if not self.frame.planar:
+            return 0.0
         position = self.frame.local(self.object_points)[:, :2]
         position = position - position.mean(axis=0)
         moved = self.in_board_axes[:, :2]

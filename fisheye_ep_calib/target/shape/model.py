@@ -17,6 +17,7 @@ import numpy as np
 
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS, smooth_fields
 from fisheye_ep_calib.target.shape.bow import bow_height, bow_slope
+from fisheye_ep_calib.target.shape.faces import faces_of
 from fisheye_ep_calib.target.shape.frame import BoardFrame, board_frame
 from fisheye_ep_calib.target.shape.variances import Posterior, Variances
 
@@ -44,7 +45,8 @@ class ShapeModel:
     frame. fields (n, LOCAL, S): ∂(shift, its derivatives along x, along y)/∂a, target frame. group (S,): index into
     GROUPS, −1 for a bow's. penalty (S,) and rough_penalty (n, 3): λ, px²/m²; None where no point moves by itself.
     freedom: how many of the unknowns the data determine. names (S,): of the fields, by which models share them.
-    variances: of the groups, from which the penalties are.
+    variances: of the groups, from which the penalties are. axes (n, 3, 3): of each point's face; the frame's where
+    None.
     """
 
     kind: str
@@ -58,6 +60,12 @@ class ShapeModel:
     freedom: float = 0.0
     names: tuple[int, ...] = ()
     variances: Variances | None = None
+    axes: np.ndarray | None = None
+
+    @property
+    def point_axes(self) -> np.ndarray:
+        """(n, 3, 3): columns x, y, normal of each point's face, along which its own shift is."""
+        return np.tile(self.frame.axes, (len(self.nominal), 1, 1)) if self.axes is None else self.axes
 
     @property
     def smooth_size(self) -> int:
@@ -100,7 +108,7 @@ class ShapeModel:
         local = np.tensordot(self.fields, unknowns[:count], axes=1)
         if self.rough_size and len(unknowns) > count:
             rough = unknowns[count:].reshape(-1, 3, *unknowns.shape[1:])
-            local[:, :3] += np.einsum("ij,nj...->ni...", self.frame.axes, rough)
+            local[:, :3] += np.einsum("nij,nj...->ni...", self.point_axes, rough)
         return local
 
     def surface(self, state: ShapeState) -> Surface:
@@ -147,19 +155,34 @@ def bow_model(flat: ShapeModel) -> ShapeModel:
 
 
 def free_model(flat: ShapeModel, seen: np.ndarray) -> ShapeModel:
-    """With all smooth fields, orthonormal over the points seen (n,) bool, and every point's own shift on top of it."""
-    found = smooth_fields(flat.frame, flat.nominal, seen)
-    parts = [found.value, found.slope[:, 0], found.slope[:, 1]]
-    fields = np.concatenate([np.einsum("ij,njk->nik", flat.frame.axes, part) for part in parts], axis=1)
-    penalty = np.zeros(len(found.group))
+    """With all smooth fields, orthonormal over the points seen (n,) bool, and every point's own shift on top of it.
+
+    Each face of a target that is not flat has fields of its own; they share their groups.
+    """
+    parts, groups = [np.zeros((len(flat.nominal), LOCAL, 0))], []
+    axes = np.tile(flat.frame.axes, (len(flat.nominal), 1, 1))
+    for face in faces_of(flat.nominal):
+        points = flat.nominal[face]
+        frame = board_frame(points)
+        found = smooth_fields(frame, points, seen[face])
+        local = [
+            np.einsum("ij,njk->nik", frame.axes, part) for part in (found.value, found.slope[:, 0], found.slope[:, 1])
+        ]
+        own = np.zeros((len(flat.nominal), LOCAL, len(found.group)))
+        own[face] = np.concatenate(local, axis=1)
+        axes[face] = frame.axes
+        parts.append(own)
+        groups.append(found.group)
+    group = np.concatenate(groups) if groups else np.zeros(0, int)
     return replace(
         flat,
         kind=FREE,
-        fields=fields,
-        group=found.group,
-        penalty=penalty,
+        fields=np.concatenate(parts, axis=-1),
+        group=group,
+        penalty=np.zeros(len(group)),
         rough_penalty=np.zeros(flat.nominal.shape),
-        names=tuple(range(len(penalty))),
+        names=tuple(range(len(group))),
+        axes=axes,
     )
 
 
