@@ -38,6 +38,7 @@ def calibration_content(result: CalibrationResult) -> dict[str, Any]:
         },
         "reasons": list(result.reasons),
         "board": result.board.to_dict(),
+        "error_budget": None if result.error_budget is None else result.error_budget.to_dict(),
         "board_warp_mm": (1e3 * result.board_warp).tolist(),
         "noise_px": result.uncertainty.sigma_px,
         "svp_loss_px": {str(key): value for key, value in result.stand_in.loss_px.items()},

@@ -12,6 +12,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.board import board_shape
 from fisheye_ep_calib.calibration.assessing.diagnosis import Diagnosis, diagnose
+from fisheye_ep_calib.calibration.assessing.error_budget import ErrorBudget, error_budget
 from fisheye_ep_calib.calibration.assessing.family_spread import with_family_spread
 from fisheye_ep_calib.calibration.assessing.stand_in import StandIn, single_viewpoint
 from fisheye_ep_calib.calibration.assessing.uncertainty import (
@@ -143,6 +144,14 @@ class CalibrationResult:
     def board(self) -> BoardShape:
         """The target's shape as it was found, and whether it is bent."""
         return board_shape(self.fit)
+
+    @cached_property
+    def error_budget(self) -> ErrorBudget | None:
+        """Where the residuals come from; None where the sightings leave too much open to tell."""
+        try:
+            return error_budget(self.fit)
+        except np.linalg.LinAlgError:
+            return None
 
     @property
     def rms_px(self) -> float:

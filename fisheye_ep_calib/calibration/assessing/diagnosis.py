@@ -16,8 +16,10 @@ from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDiffe
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
 from fisheye_ep_calib.calibration.assessing.extent import smaller_lattice
 from fisheye_ep_calib.calibration.assessing.finding import Finding
+from fisheye_ep_calib.calibration.assessing.nuisance_models import joint_linearisation
 from fisheye_ep_calib.calibration.assessing.two_cameras import PARAMETERS, two_cameras
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
+from fisheye_ep_calib.calibration.assessing.view_changes import changes_found, view_changes
 from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, of_images, refine
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
@@ -83,6 +85,7 @@ def diagnose(
         *_two_cameras(fit, names),
         *_squares_counted(fit),
         *_units(distance, camera),
+        *_view_changes(fit),
         _few_views(len(fit.sightings.images)),
         *(() if board is None else (board_bent(board), board_scale(board))),
     ]
@@ -296,6 +299,14 @@ def _two_cameras(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
         "or was the focus or the mount touched in between? Calibrate each group by itself"
     )
     return [Finding("two_cameras", values, True, told)]
+
+
+def _view_changes(fit: Fit) -> tuple[Finding, ...]:
+    """Whether the board bent between views, or something moved while the shutter rolled."""
+    try:
+        return changes_found(view_changes(joint_linearisation(fit)))
+    except np.linalg.LinAlgError:  # the views leave something open
+        return ()
 
 
 def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...]) -> Finding:

@@ -26,6 +26,9 @@ NUISANCES: Mapping[str, tuple[str, ...]] = {
 }
 
 
+_KEPT = "joint_linearisation"
+
+
 @dataclass(frozen=True)
 class NuisanceModel:
     """deviance: −2 log-likelihood, to be compared with that of another model of the same fit.
@@ -44,7 +47,15 @@ class NuisanceModel:
 
 
 def joint_linearisation(fit: Fit) -> JointLinearisation:
-    """At a fit, whatever of shape, views and lens field it has: all of them free."""
+    """At a fit, whatever of shape, views and lens field it has: all of them free. It is kept with the fit."""
+    kept: dict = vars(fit)
+    if _KEPT not in kept:
+        kept[_KEPT] = _linearised(fit)
+    found: JointLinearisation = kept[_KEPT]
+    return found
+
+
+def _linearised(fit: Fit) -> JointLinearisation:
     sightings, structure = fit.sightings, fit.structure
     seen = seen_points(sightings)
     effects = view_effects(sightings.target, seen, sightings.observations.image_size[1])
@@ -58,14 +69,12 @@ def joint_linearisation(fit: Fit) -> JointLinearisation:
     return JointLinearisation(*opened(fit, structure, sightings), sightings.point_count)
 
 
-def nuisance_models(
-    fit: Fit, angles: np.ndarray, linearisation: JointLinearisation | None = None
-) -> tuple[NuisanceModel, ...]:
-    """The models of ``NUISANCES``, E at angles (A,) rad. linearisation: of the same fit, where it is there already.
+def nuisance_models(fit: Fit, angles: np.ndarray) -> tuple[NuisanceModel, ...]:
+    """The models of ``NUISANCES``, E at angles (A,) rad.
 
     Raises numpy.linalg.LinAlgError where the sightings leave something open.
     """
-    linearisation = linearisation or joint_linearisation(fit)
+    linearisation = joint_linearisation(fit)
     return tuple(_model(fit, angles, linearisation, name, groups) for name, groups in NUISANCES.items())
 
 

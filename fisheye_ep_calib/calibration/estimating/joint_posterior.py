@@ -141,6 +141,11 @@ class JointLinearisation:
         group = np.concatenate([smooth, np.tile(AXIS_GROUP[axes], len(shape.rough) * bool(axes.any()))])
         return replace(chosen, pose=chosen.pose[:, own], camera=chosen.camera[shared]), group
 
+    @staticmethod
+    def index(group: str) -> int:
+        """Where a group stands in variances."""
+        return JOINT_GROUPS.index(group)
+
     def most_likely(self, groups: Iterable[str]) -> tuple[Variances, JointPosterior]:
         """The variances of some groups and the posterior under them; groups may vanish. Found once."""
         asked = set(groups) & set(self.available)
@@ -203,13 +208,14 @@ class JointLinearisation:
     def visible(self, variances: Variances, posterior: JointPosterior, groups: Iterable[str]) -> float:
         """What some groups do to the residuals of a camera and poses fitted without them: px², summed over the points.
 
-        The posterior's mean of |M Z b|², Z their columns, M the projection that eliminates poses and camera:
-        |M Z a|² + σ² tr(Zᵀ M Z S), in the second term S by its diagonal and, for the views', M by the poses' part.
+        The posterior's mean of |M Z b|², Z their columns and M the projection that eliminates poses and camera:
+        |M Z a|² + σ² tr(Zᵀ M Z S). With S = (Zᵀ M Z + P)⁻¹, as it is where all groups are asked for, the trace is
+        Σ γ_k, γ_k = 1 − S_kk P_kk (variances.py), and not less otherwise. The prior's mean, τ² tr(Zᵀ M Z), would miss
+        that of a few coefficients each is what it is.
         """
         wanted = np.isin(np.array(JOINT_GROUPS)[posterior.group], list(groups))
         value = np.where(wanted, posterior.value, 0.0)
-        own = self._full_diagonal(variances, posterior)
-        spread = float((own * posterior.variance)[wanted].sum()) * variances.noise**2
+        spread = float(posterior.determined(variances)[wanted].sum()) * variances.noise**2
         return self._square_beside_camera(variances, posterior, value) + spread
 
     def _parts(self, variances: Variances, posterior: JointPosterior):
@@ -248,27 +254,6 @@ class JointLinearisation:
         right = on_shared[camera] - np.einsum("vqs,vq->s", mixed, settled[..., -1])
         taken = (on_pose * settled[..., -1]).sum() + right @ solve_scaled(reduced, right)
         return max(float(square - taken), 0.0)
-
-    def _full_diagonal(self, variances: Variances, posterior: JointPosterior) -> np.ndarray:
-        """Diagonal (K,) of Zᵀ M Z; of the views' own columns with only their pose eliminated."""
-        equations = self._equations
-        views, lens, shape = self._parts(variances, posterior)
-        camera = self._camera_columns
-        pose, mixed = equations.pose[:, :6, :6], equations.mixed[:, :6, camera]
-        own = equations.by_view[:, :6, views]
-        taken = (own * np.linalg.solve(pose, own)).sum(axis=1)
-        of_views = equations.by_view[:, views, views] - taken
-        beside = np.concatenate([shape.pose[:, :6], equations.mixed[:, :6, lens]], axis=-1)
-        settled = np.linalg.inv(pose) @ beside
-        shared = np.concatenate([shape.camera[camera], equations.shared[np.ix_(camera, lens)]], axis=-1)
-        shared = shared - np.einsum("vqs,vqk->sk", mixed, settled, optimize=True)
-        reduced = equations.shared[np.ix_(camera, camera)]
-        reduced = reduced - np.einsum("vqs,vqt->st", mixed, np.linalg.solve(pose, mixed))
-        diagonal = np.concatenate([shape.diagonal, np.diag(equations.shared)[lens]])
-        diagonal = diagonal - (beside * settled).sum(axis=(0, 1)) - (shared * solve_scaled(reduced, shared)).sum(axis=0)
-        count = posterior.kinds[0]
-        whole = np.concatenate([diagonal[:count], of_views.reshape(-1), diagonal[count:]])
-        return np.maximum(whole, 0.0)
 
 
 def _start(groups: Sequence[str]) -> np.ndarray:
