@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.assessing.uncertainty import independent_covariance
+from fisheye_ep_calib.calibration.assessing.refusal import why_undetermined, why_unusable
+from fisheye_ep_calib.calibration.assessing.uncertainty import independent_covariance, uncertainty
 from fisheye_ep_calib.calibration.estimating.adjustment import adjust
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
@@ -56,6 +57,7 @@ class Options:
     disc_centers: "unbiased" predicts the centre of gravity of each projected disc, "naive" the image of its centre.
     loss: "cut" leaves out what lies beyond 6 σ of the richest model; "huber" keeps every sighting at less weight.
     svp_distance: metres, for which the single-viewpoint stand-in is fitted.
+    force: give back a camera that is refused for what its views leave open, with the reason in ``refused``.
     """
 
     terms: int | None = None
@@ -66,6 +68,7 @@ class Options:
     disc_centers: str = "unbiased"
     loss: str = "cut"
     svp_distance: float = np.inf
+    force: bool = False
     extras: Mapping[str, bool | None] = field(default_factory=dict)
 
     @staticmethod
@@ -109,10 +112,14 @@ def calibrate(observations: Observations, model: str = AUTO, **options) -> Calib
         fit = choice.chosen.fit
     seconds = screened.seconds | {"compare": time.perf_counter() - began}
     _refuse_unexplained(fit)
-    _refuse_undetermined(fit)
     result = CalibrationResult(
         fit, screened.rejected, screened.wrong_views, seconds, choice, settings.svp_distance, screened.same_place
     )
+    refused = _why_refused(result)
+    if refused is not None:
+        if not settings.force:
+            raise CalibrationError(f"{refused}, or take it as it is with `force`")
+        result = replace(result, refused=refused)
     if np.isfinite(settings.svp_distance):
         _ = result.stand_in  # refuses a distance that is too near
     return result
@@ -323,13 +330,12 @@ def _refuse_unexplained(fit: Fit) -> None:
         )
 
 
-def _refuse_undetermined(fit: Fit) -> None:
-    """Refuse a camera whose focal length the views leave open."""
-    if not _focal_length_determined(fit):
-        raise CalibrationError(
-            "the views do not determine the focal length (its standard deviation is over a fifth of its value): "
-            "tilt the target differently between the views and show it near and far"
-        )
+def _why_refused(result: CalibrationResult) -> str | None:
+    """Why the views leave the focal length open, by the bands as they are given; None where they do not."""
+    if not _focal_length_determined(result.fit):
+        return why_undetermined(result.fit)
+    known = result.uncertainty if result.choice else uncertainty(result.fit)
+    return why_unusable(result.fit, known)
 
 
 def _focal_length_determined(fit: Fit) -> bool:

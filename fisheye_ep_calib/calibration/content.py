@@ -11,7 +11,6 @@ from typing import Any
 from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.result import CalibrationResult
 
-SUPPORTED, NOT_DISTINGUISHABLE = "supported", "not distinguishable"
 # What ``diagnosis`` calls a finding that has another title now; kept for one version.
 _FORMER_TITLES = {"correlated_residuals": "errors that hang together"}
 
@@ -20,15 +19,16 @@ def calibration_content(result: CalibrationResult) -> dict[str, Any]:
     """What there is to say of a calibration, in numbers, texts and lists of them."""
     names = result.fit.sightings.observations.image_names
     findings = result.diagnosis.findings
-    supported = result.entrance_pupil_supported
     return {
         "model": result.model,
         "rms_px": result.rms_px,
         "views": result.views,
         "points": result.points,
         "rejected_points": len(result.rejected),
-        "entrance_pupil_supported": supported,
-        "entrance_pupil": SUPPORTED if supported else NOT_DISTINGUISHABLE,
+        "refused": result.refused,
+        "entrance_pupil_supported": result.entrance_pupil_supported,
+        "entrance_pupil": result.pupil_verdict.answer,
+        "pupil_verdict": result.pupil_verdict.to_dict(),
         "iterations": result.iterations,
         "converged": result.converged,
         "seconds": dict(result.seconds),

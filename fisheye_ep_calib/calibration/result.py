@@ -14,6 +14,7 @@ from fisheye_ep_calib.calibration.assessing.board import board_shape
 from fisheye_ep_calib.calibration.assessing.diagnosis import Diagnosis, diagnose
 from fisheye_ep_calib.calibration.assessing.error_budget import ErrorBudget, error_budget
 from fisheye_ep_calib.calibration.assessing.family_spread import with_family_spread
+from fisheye_ep_calib.calibration.assessing.left_open import LeftOpen, pupil_left_open, with_pupil_sigma
 from fisheye_ep_calib.calibration.assessing.stand_in import StandIn, single_viewpoint
 from fisheye_ep_calib.calibration.assessing.uncertainty import (
     ProjectionTable,
@@ -26,11 +27,12 @@ from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.selecting.model_selection import (
     Candidate,
     Choice,
+    pupil_verdict,
     side_by_side,
-    supported_pupils,
     with_needed_lens,
 )
 from fisheye_ep_calib.calibration.selecting.outliers import RejectedPoint
+from fisheye_ep_calib.calibration.selecting.pupil_verdict import SUPPORTED, PupilVerdict
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import BOW
@@ -60,6 +62,7 @@ class CalibrationResult:
     "compare" (the other models, cross-validation; 0 for a named model, which is compared when that is looked at).
     choice: what "auto" compared and took; None for a named model.
     svp_distance: metres, for which the single-viewpoint stand-in is fitted.
+    refused: why the camera must not be used, where it was made all the same.
     same_place: image number of a view → the images that it stands for, where it is more than one: copies, and images
     between which the board rested.
     """
@@ -71,11 +74,15 @@ class CalibrationResult:
     choice: Choice | None = None
     svp_distance: float = np.inf
     same_place: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    refused: str | None = None
 
     @cached_property
     def camera(self) -> FisheyeCamera:
         """The camera, valid to the largest angle of incidence that the fit rests on."""
-        return replace(self.fit.state.camera, theta_max=self.fit.largest_angle)
+        camera = replace(self.fit.state.camera, theta_max=self.fit.largest_angle)
+        if self.choice is None or self.left_open is None:
+            return camera
+        return replace(camera, pupil_left_open=self.left_open.pupil)
 
     @property
     def model(self) -> str:
@@ -88,17 +95,37 @@ class CalibrationResult:
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """Of the fit; after a choice with what the choice of the pupil's family leaves open."""
+        """Of the fit; after a choice with what the choice of the pupil's family, and the verdict on it, leave open.
+
+        Of a camera without a pupil it is what the fullest model beside it leaves open.
+        """
         own = uncertainty(self.fit)
-        if self.choice is None or not self.fit.structure.pupil_terms:
+        if self.choice is None:
             return own
+        if self.left_open is not None:
+            return self.left_open.uncertainty_of(self.fit, own)
         families = [each.fit for each in self.choice.candidates.values() if each.structure.pupil_terms]
-        return with_family_spread(own, self.fit, families)
+        verdict = self.choice.verdict
+        return with_pupil_sigma(with_family_spread(own, self.fit, families), self.fit, verdict.theta, verdict.sigma)
+
+    @cached_property
+    def left_open(self) -> LeftOpen | None:
+        """The pupil that the data leave open, where the model has none."""
+        if self.fit.structure.pupil_terms:
+            return None
+        verdict, judged = self._judged
+        return pupil_left_open(judged, verdict.theta, verdict.sigma)
 
     @cached_property
     def stand_in(self) -> StandIn:
-        """The single-viewpoint camera of CameraInfo. Raises CalibrationError where ``svp_distance`` is too near."""
-        return single_viewpoint(self.camera, self.svp_distance)
+        """The single-viewpoint camera of CameraInfo. Raises CalibrationError where ``svp_distance`` is too near.
+
+        What it loses is what it may lose where a pupil is left open.
+        """
+        own = single_viewpoint(self.camera, self.svp_distance)
+        if self.choice is None or self.left_open is None:
+            return own
+        return replace(own, loss_px=self.left_open.largest_loss_px(self.svp_distance))
 
     @cached_property
     def candidates(self) -> dict[str, Candidate]:
@@ -116,7 +143,19 @@ class CalibrationResult:
     @cached_property
     def entrance_pupil_supported(self) -> bool:
         """Whether the data support a pupil that moves, whatever model was named."""
-        return self.choice.pupil_supported if self.choice else bool(supported_pupils(with_needed_lens(self.candidates)))
+        return self.pupil_verdict.answer == SUPPORTED
+
+    @property
+    def pupil_verdict(self) -> PupilVerdict:
+        """Whether the data support a pupil that moves, with all numbers that decided."""
+        return self._judged[0]
+
+    @cached_property
+    def _judged(self) -> tuple[PupilVerdict, Fit]:
+        """The verdict on the pupil and the fit that it is about."""
+        if self.choice is not None:
+            return self.choice.verdict, self.choice.judged
+        return pupil_verdict(with_needed_lens(self.candidates), terms_open=False)
 
     @property
     def observations(self) -> Observations:
@@ -177,7 +216,8 @@ class CalibrationResult:
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """What the recording could and could not tell, and what to record more of."""
-        return diagnose(self.fit, self.camera, self.observations.image_names, self.same_place, self.board)
+        names, chosen = self.observations.image_names, self.choice is not None
+        return diagnose(self.fit, self.camera, names, self.same_place, self.board, chosen)
 
     @cached_property
     def projection_table(self) -> ProjectionTable:

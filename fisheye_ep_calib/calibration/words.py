@@ -12,14 +12,14 @@ import numpy as np
 from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 from fisheye_ep_calib.calibration.result import CalibrationResult
-from fisheye_ep_calib.camera.bands import pupil_sigma
+from fisheye_ep_calib.calibration.selecting.pupil_verdict import DOUBTFUL, FEWEST_VIEWS, NOT_DISTINGUISHABLE
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 
 GOOD, CAUTION, BAD = "good", "caution", "bad"
 _LARGE_RMS = 1.0  # px; a target that is found well leaves less
 _OVERFIT = 1.25  # held-out RMS over RMS
 _NEAR_FAR = "near_far"
-_PUPIL_DEGREES = 60.0  # at which E(θ) is told, where so much was seen
+_RIM = np.radians(80)  # at which E(θ) that is left open is told, where so much was seen
 
 
 @dataclass(frozen=True)
@@ -36,25 +36,61 @@ class Verdict:
 
 
 def pupil_sentence(result: CalibrationResult) -> str:
-    """Whether the data support an entrance pupil that moves."""
-    if not result.entrance_pupil_supported:
-        return (
-            "an entrance pupil is not supported by these data: record the target close to the lens and out to the "
-            "edge of the image, at several distances, if you need one"
-        )
+    """Whether the data support an entrance pupil that moves, and with how much certainty."""
+    verdict = result.pupil_verdict
+    if verdict.answer == NOT_DISTINGUISHABLE:
+        return _left_open_sentence(result)
+    angle = np.degrees(verdict.theta)
+    told = f"E({angle:.0f}°) = {1e3 * verdict.pupil:+.3f} ± {1e3 * verdict.sigma:.3f} mm ({verdict.why})"
+    if verdict.answer == DOUBTFUL:
+        return f"entrance pupil doubtful: {told}; {_doubt(result)}"
     if result.model == CENTRAL_MODEL:
-        return "the data support an entrance pupil, which this single-viewpoint model leaves out: try model auto"
-    camera = result.camera
-    angle = min(np.deg2rad(_PUPIL_DEGREES), camera.theta_max)
-    shift = 1e3 * float(camera.entrance_pupil(angle))
-    sigma = 1e3 * float(pupil_sigma(camera, result.uncertainty.covariance, np.array(angle)))
-    return f"entrance pupil supported: E({np.degrees(angle):.0f}°) = {shift:+.3f} ± {sigma:.3f} mm"
+        told = f"the data support an entrance pupil, which this single-viewpoint model leaves out: {told}"
+        return told if result.choice else f"{told}; try model auto"
+    return f"entrance pupil supported: {told}"
+
+
+def _doubt(result: CalibrationResult) -> str:
+    """Why a pupil is doubted, and what became of it."""
+    verdict = result.pupil_verdict
+    why = []
+    if verdict.pupil > 0:
+        why.append("no lens moves its pupil that way")
+    if verdict.views < FEWEST_VIEWS:
+        why.append(f"{verdict.views} views claim nothing")
+    if result.choice is None:
+        became = "record near and far views, out to the edge of the image"
+    elif verdict.kept:
+        became = "the camera keeps it, for views at other distances are predicted better with it"
+    elif verdict.other_distances is None:
+        became = "the camera goes without it: record more views, near and far"
+    else:
+        became = "the camera goes without it, for views at other distances are not predicted better with it"
+    return "; ".join([*why, became])
+
+
+def _left_open_sentence(result: CalibrationResult) -> str:
+    """E and its band, from the model with a pupil that was judged, and what a single viewpoint may lose."""
+    advice = "record the target close to the lens and out to the edge of the image, at several distances, to know"
+    open_ = result.left_open
+    if open_ is None:
+        verdict = result.pupil_verdict
+        told = f"E({np.degrees(verdict.theta):.0f}°) = {1e3 * verdict.pupil:+.2f} ± {1e3 * verdict.sigma:.2g} mm"
+        return f"{told}: an entrance pupil is not supported, not distinguishable from none by these data; {advice}"
+    angle = min(_RIM, result.camera.theta_max)
+    shift, sigma = 1e3 * float(open_.pupil.entrance_pupil(angle)), 1e3 * float(open_.pupil.sigma(angle))
+    distance, loss = min(open_.largest_loss_px(result.svp_distance).items())
+    told = f"E({np.degrees(angle):.0f}°) = {shift:+.2f} ± {sigma:.2g} mm: not distinguishable from 0 by these data"
+    if np.isfinite(loss):
+        told += f"; a single viewpoint may lose up to {loss:.2g} px at {distance:g} m"
+    return f"{told}; {advice}"
 
 
 def loss_sentence(result: CalibrationResult) -> str:
     """What the camera of plain CameraInfo costs."""
     losses = ", ".join(f"{loss:.2f} px at {distance:g} m" for distance, loss in result.stand_in.loss_px.items())
-    return f"a single-viewpoint consumer of CameraInfo loses {losses}"
+    open_ = result.choice is not None and result.left_open is not None
+    return f"a single-viewpoint consumer of CameraInfo {'may lose up to' if open_ else 'loses'} {losses}"
 
 
 def calibration_verdict(result: CalibrationResult) -> Verdict:
@@ -62,6 +98,7 @@ def calibration_verdict(result: CalibrationResult) -> Verdict:
     concerns = [one for one in findings if one.concern]
     level, headline = _headline(result, concerns)
     sentences = [
+        *([sentence(f"refused: {result.refused}")] if result.refused else []),
         _fit_sentence(result),
         sentence(pupil_sentence(result)),
         *_uncertainty_sentences(result.projection_table),
@@ -80,6 +117,8 @@ def calibration_verdict(result: CalibrationResult) -> Verdict:
 def _headline(result: CalibrationResult, concerns: list[Finding]) -> tuple[str, str]:
     if not result.converged:
         return BAD, "The fit did not converge: do not use this camera."
+    if result.refused:
+        return BAD, "Refused, and made all the same: do not use this camera."
     hidden = next((one for one in concerns if one.name == _NEAR_FAR), None)
     if hidden is not None:
         return CAUTION, (

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fisheye_ep_calib.camera.extras import LENS_EXTRAS
+from fisheye_ep_calib.camera.left_open import PupilLeftOpen
 from fisheye_ep_calib.camera.lenses import LENSES, Lens, solve_angle
 from fisheye_ep_calib.camera.lenses.lens import increasing_limit
 from fisheye_ep_calib.camera.parameters import PIXEL_NAMES, ParameterLayout, parameter_layout
@@ -43,6 +44,7 @@ class FisheyeCamera:
     coefficients: of E(θ), metres; E is added to a point's z, so the pupil sits at z = −E(θ).
     lens: a key of LENSES. extras: coefficients by name, for the keys of LENS_EXTRAS that are in use.
     theta_max: rad; beyond it nothing is known and projections are marked invalid.
+    pupil_left_open: of a camera without a pupil, what its data could not tell from none; it moves no projection.
     """
 
     image_size: tuple[int, int]
@@ -57,6 +59,7 @@ class FisheyeCamera:
     extras: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     lens: str = "kannala_brandt"
     theta_max: float = np.pi
+    pupil_left_open: PupilLeftOpen | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if self.model not in tuple(PUPIL_FAMILIES):

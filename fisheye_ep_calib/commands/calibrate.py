@@ -102,6 +102,11 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
         help="cut leaves out points beyond 6 σ of the richest model (default); huber gives them less weight",
     )
     structure.add_argument(
+        "--force",
+        action="store_true",
+        help="write a camera that is refused for what its views leave open, and mark it as refused",
+    )
+    structure.add_argument(
         "--svp-distance",
         type=float,
         default=float("inf"),

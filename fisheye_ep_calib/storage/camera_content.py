@@ -33,9 +33,7 @@ def camera_content(file: CameraFile) -> dict[str, Any]:
         "parameters": list(camera.parameter_names),
         "sigma": dict(zip(camera.parameter_names, sigma.tolist(), strict=True)),
         "theta_deg": degrees.tolist(),
-        "E_m": camera.entrance_pupil(theta).tolist(),
-        "E_from": "chosen",
-        "E_sigma_m": pupil_sigma(camera, covariance, theta).tolist(),
+        **_pupil(file, theta),
         "r_px": (camera.fx * camera.radius(theta)).tolist(),
         "r_sigma_px": radius_sigma(camera, covariance, theta).tolist(),
         "projection_uncertainty": file.projection_uncertainty,
@@ -45,3 +43,13 @@ def camera_content(file: CameraFile) -> dict[str, Any]:
         },
         "calibration": file.calibration,
     }
+
+
+def _pupil(file: CameraFile, theta: np.ndarray) -> dict[str, Any]:
+    """E and its band at theta (n,), rad: the camera's own or, where it has none, what its data leave open."""
+    camera, left_open = file.camera, file.camera.pupil_left_open
+    if left_open is not None and not camera.coefficients:
+        value, sigma, source = left_open.entrance_pupil(theta), left_open.sigma(theta), "left open"
+    else:
+        value, sigma, source = camera.entrance_pupil(theta), pupil_sigma(camera, file.covariance, theta), "chosen"
+    return {"E_m": value.tolist(), "E_sigma_m": sigma.tolist(), "E_from": source}

@@ -19,6 +19,7 @@ import yaml
 
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.camera.camera_info import camera_info_content, plain_camera_info
+from fisheye_ep_calib.camera.left_open import PupilLeftOpen
 from fisheye_ep_calib.camera.parameters import PIXEL_NAMES
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.atomic import atomic_write
@@ -72,7 +73,7 @@ def camera_yaml(camera: CalibrationResult | FisheyeCamera, name: str, source: st
     if isinstance(camera, FisheyeCamera):
         from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
 
-        stand_in, content = single_viewpoint(camera), _full_camera(camera)
+        stand_in, content = single_viewpoint(camera), _full_camera(camera) | _left_open(camera.pupil_left_open)
     else:
         stand_in, content = camera.stand_in, _calibrated(camera, source)
     content["svp"] = {
@@ -112,6 +113,7 @@ def _calibrated(result: CalibrationResult, source: str) -> dict[str, Any]:
     return {
         **_full_camera(result.camera),
         "covariance": [_floats(row) for row in result.uncertainty.covariance],
+        **_left_open(None if result.left_open is None else result.left_open.pupil),
         "projection_uncertainty": _projection_uncertainty(result),
         "calibration": {
             "rms_px": float(result.rms_px),
@@ -120,6 +122,8 @@ def _calibrated(result: CalibrationResult, source: str) -> dict[str, Any]:
             "points": result.points,
             "rejected_points": len(result.rejected),
             "entrance_pupil_supported": result.entrance_pupil_supported,
+            "entrance_pupil": result.pupil_verdict.answer,
+            **({"refused": result.refused} if result.refused else {}),
             "converged": result.converged,
             "board_warp": _floats(result.board_warp),
             "board": _board_content(result),
@@ -134,6 +138,27 @@ def _board_content(result: CalibrationResult) -> dict[str, Any]:
     """The target's geometry and its shape as it was measured."""
     radius = result.fit.sightings.observations.disc_radius
     return {**board_content(result.board), **({} if radius is None else {"disc_radius": float(radius)})}
+
+
+def _left_open(pupil: PupilLeftOpen | None) -> dict[str, Any]:
+    """What the data leave open of a pupil, where the model has none."""
+    if pupil is None:
+        return {}
+    return {
+        "pupil_left_open": {
+            "model": pupil.model,
+            "coefficients": list(pupil.coefficients),
+            "covariance": [list(row) for row in pupil.covariance],
+        }
+    }
+
+
+def _read_left_open(block: dict[str, Any]) -> PupilLeftOpen | None:
+    found = block.get("pupil_left_open")
+    if found is None:
+        return None
+    covariance = [_floats(row) for row in found["covariance"]]
+    return PupilLeftOpen.of(_text(found, "model"), _floats(found["coefficients"]), covariance)
 
 
 def _projection_uncertainty(result: CalibrationResult) -> dict[str, Any]:
@@ -202,6 +227,7 @@ def _camera_file(content: dict[str, Any]) -> CameraFile:
         },
         _text(block, "lens", "kannala_brandt"),
         float(block.get("theta_max", np.pi)),
+        _read_left_open(block),
     )
     svp = block.get("svp", {})
     facts = _facts(block)

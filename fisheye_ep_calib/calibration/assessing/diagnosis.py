@@ -25,10 +25,12 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.target.shape.measured import BoardShape
+from fisheye_ep_calib.target.shape.model import FLAT
 
 RING_DEGREES = 15
 SECTORS = len(SECTOR_NAMES)
 _FARTHEST_M, _LARGEST_PUPIL_M = 20.0, 0.05  # beyond which a length's unit is doubted
+_TELLING = 1.0  # px expected between near and far, below which their agreement says something
 _FEW_VIEWS = 8  # below which a view more or less changes the camera beyond its bands
 
 
@@ -64,10 +66,12 @@ def diagnose(
     names: tuple[str, ...],
     same_place: Mapping[int, tuple[int, ...]] | None = None,
     board: BoardShape | None = None,
+    chosen: bool = False,
 ) -> Diagnosis:
     """camera: the fitted one with its theta_max. names: of the images. same_place: view → images it stands for.
 
-    board: the target's shape as the fit found it.
+    board: the target's shape as the fit found it. chosen: whether "auto" took the model: what it has tried already is
+    no advice.
     """
     theta, azimuth, distance = _sighting_geometry(fit)
     counts = coverage(theta, azimuth, RING_DEGREES, SECTORS)
@@ -78,7 +82,7 @@ def diagnose(
         _coverage(counts, in_image),
         _depth(theta, distance),
         *([_pupil_against_depth(fit)] if len(camera.coefficients) else []),
-        *([_near_far(split, bool(fit.structure.pupil_terms))] if split else []),
+        *([_near_far(split, _near_far_advice(fit, chosen))] if split else []),
         _worst_view(fit, view_rms, names),
         *_correlated_residuals(uncertainty(fit).clustering),
         *_copies(len(fit.sightings.images), same_place or {}),
@@ -190,7 +194,16 @@ def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
     return NearFarSplit(near, far, difference)
 
 
-def _near_far(split: NearFarSplit, pupil: bool) -> Finding:
+def _near_far_advice(fit: Fit, chosen: bool) -> str:
+    """What may help where near and far differ and was not tried already."""
+    if not (fit.structure.pupil_terms or chosen):
+        return "let a pupil be estimated (model auto), or record only at the distance of use"
+    if fit.structure.board_shape == FLAT:
+        return "check that the target is flat and record more views, near and far"
+    return "record more views, near and far, or only at the distance of use"
+
+
+def _near_far(split: NearFarSplit, advice: str) -> Finding:
     difference, expected = (
         float(np.sqrt(np.nanmean(px**2))) for px in (split.difference.length_px, split.difference.sigma_px)
     )
@@ -205,17 +218,15 @@ def _near_far(split: NearFarSplit, pupil: bool) -> Finding:
         f"{difference:.3f} px at infinity, {expected:.3f} px expected"
     )
     if difference <= 2.5 * expected:
-        return Finding("near_far", values, False, f"{told}: the camera holds at every distance recorded")
+        if expected < _TELLING:
+            return Finding("near_far", values, False, f"{told}: the camera holds at every distance recorded")
+        told += ": these data cannot tell whether it holds at other distances; record more views, near and far"
+        return Finding("near_far", values, True, told)
     return Finding(
         "near_far",
         values,
         True,
-        f"{told}: an error hides at the distances recorded and shows at others; "
-        + (
-            "check that the target is flat and record more views, near and far"
-            if pupil
-            else "let a pupil be estimated (model auto), or record only at the distance of use"
-        ),
+        f"{told}: an error hides at the distances recorded and shows at others; {advice}",
     )
 
 

@@ -25,6 +25,8 @@ class Uncertainty:
     clustering: by how much the residuals of a view, which hang together, raise the covariances; 1 where they do not.
     shared (S, S): the same with the board warp, only what was estimated. gauge (6, S): the rigid motion of all
     boards, (ω, t) rad and metres, that best makes up for a change of the shared parameters.
+    beside: where the camera has no pupil, the one with the pupil that the data leave open, and which of its parameters
+    (P',) are estimated; shared and gauge are then its own.
     """
 
     sigma_px: float
@@ -32,6 +34,7 @@ class Uncertainty:
     shared: np.ndarray
     gauge: np.ndarray
     clustering: float = 1.0
+    beside: tuple[FisheyeCamera, np.ndarray] | None = None
 
 
 def uncertainty(fit: Fit) -> Uncertainty:
@@ -109,6 +112,8 @@ def projection_uncertainty(
     The boards that fixed the camera define the frame: a change of parameters that only moves all of them rigidly is
     no error of the camera, so the gauge's motion is taken along (as in mrcal's projection uncertainty).
     """
+    if uncertainty.beside is not None:
+        camera, free = uncertainty.beside
     _, _, d_point, d_parameters = camera.project_with_jacobian(points)
     motion = d_point @ motion_jacobian(points)
     columns = motion @ uncertainty.gauge

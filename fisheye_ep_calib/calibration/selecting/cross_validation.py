@@ -72,11 +72,11 @@ def fold_of_view(place: np.ndarray) -> np.ndarray:
 def cross_validate(fit: Fit) -> CrossValidation:
     """Cross-validate a fit's structure; the folds are the same for every structure on the same views."""
     number = fold_of_view(places(fit.sightings))
-    errors = [held_out_error(_fit_without(fit, number == fold), fit, number == fold) for fold in np.unique(number)]
+    errors = [held_out_error(fit_without(fit, number == fold), fit, number == fold) for fold in np.unique(number)]
     return CrossValidation(*np.array(errors, dtype=float).T)
 
 
-def _fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
+def fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
     """The fit to the other views alone.
 
     One Gauss–Newton step on their normal equations, which are known at the full fit, is exact to second order in

@@ -1,7 +1,11 @@
-"""Which structure the data support: cross-validation decides, and the simpler one wins where the gain is in doubt."""
+"""Which structure the data support: cross-validation decides, and the simpler one wins where the gain is in doubt.
+
+Whether there is a pupil at all is another question, which pupil_verdict.py answers.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,13 +13,18 @@ import numpy as np
 from fisheye_ep_calib.calibration.estimating.fit import Fit, refine
 from fisheye_ep_calib.calibration.selecting.cross_validation import CrossValidation, cross_validate
 from fisheye_ep_calib.calibration.selecting.nested_tests import first_step_test, nested_test
+from fisheye_ep_calib.calibration.selecting.other_distances import predicts_other_distances
+from fisheye_ep_calib.calibration.selecting.pupil_verdict import DOUBTFUL, PupilVerdict, judge
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 
 _FREER = f"lens {FREER_LENS}"
 _HOPELESS = 0.1  # p-value of the first step's test: the fit's own will not be a hundred times smaller
-_FURTHER = 0.01  # for further terms of a pupil that is there: one too many costs variance only, not trust
+_FURTHER = 0.001  # for further terms of a pupil that is there: one too many costs variance
+_FREER_GAIN = 25.0  # of log-likelihood by two more terms of r(θ), beyond which nothing else is asked
+_FOLDABLE = 6  # views; with fewer, leaving one out makes the rest extrapolate
+_OTHER_FAMILY = 0.001  # chance below which a likelihood ratio prefers a pupil with more terms
 _SIGNIFICANCE = 0.001  # of a nested test; shared by several that ask the same (Bonferroni)
 
 
@@ -38,15 +47,16 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Choice:
-    """candidates: one a model, all with the chosen extras; chosen: one of them. reasons: the steps in words."""
+    """candidates: one a model, all with the chosen extras; chosen: one of them. reasons: the steps in words.
+
+    verdict: on the pupil. judged: the fit that it is about.
+    """
 
     candidates: dict[str, Candidate]
     chosen: Candidate
     reasons: tuple[str, ...]
-
-    @property
-    def pupil_supported(self) -> bool:
-        return self.chosen is not self.candidates[CENTRAL_MODEL]
+    verdict: PupilVerdict
+    judged: Fit
 
 
 def candidate(start: Fit, structure: Structure) -> Candidate:
@@ -89,9 +99,11 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     best, each kept where a nested test and cross-validation agree; then all models are compared with what was kept.
     """
     fitted = {model: candidate(start, _with_model(base, model, base.terms)) for model in PUPIL_FAMILIES}
-    best = min(fitted.values(), key=lambda each: each.validation.mean_loss)
+    fitted, reasons = _with_demanded_lens(fitted) if search.lens else (fitted, [])
+    best = best_of(fitted.values())
     structure = best.structure
-    best, reasons = _with_additions(best, list(search.extras) + [_FREER] * search.lens)
+    best, steps = _with_additions(best, list(search.extras) + [_FREER] * (search.lens and structure.lens == LENS))
+    reasons += steps
     if search.skew and best.structure.skew:
         without = candidate(best.fit, replace(best.structure, skew=False))
         kept = supported(best, without)
@@ -107,7 +119,11 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     judged = fitted if search.lens else with_needed_lens(fitted)
     if judged is not fitted:
         reasons.append(f"the pupil is judged with {FREER_LENS}, which the data support: leave the lens open to have it")
-    pupils = supported_pupils(judged)
+    verdict, fit = pupil_verdict(judged, base.terms is None)
+    reasons.append(f"entrance pupil {verdict.answer}: {verdict.why}")
+    if not verdict.kept:
+        return Choice(fitted, fitted[CENTRAL_MODEL], tuple(reasons), verdict, fit)
+    pupils = sorted({*supported_pupils(judged), verdict.model}, key=list(fitted).index)
     grown = {}
     if base.terms is None:
         grown = {name: _with_further_terms(fitted[name]) for name in pupils}
@@ -115,7 +131,74 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     chosen = _simplest_good(fitted, pupils)
     if chosen.structure.model in grown:
         reasons += grown[chosen.structure.model][1]
-    return Choice(fitted, chosen, tuple(reasons))
+    return Choice(fitted, chosen, tuple(reasons), verdict, fit)
+
+
+def best_of(candidates: Iterable[Candidate]) -> Candidate:
+    """The one that predicts best; of few views, where held-out ones are extrapolated to, the likeliest (Akaike)."""
+    return min(candidates, key=_badness)
+
+
+def _badness(candidate: Candidate) -> float:
+    if len(candidate.fit.sightings.images) >= _FOLDABLE:
+        return candidate.validation.mean_loss
+    cost = max(candidate.fit.adjustment.equations.cost, 1e-300)
+    return float(candidate.fit.degrees_of_freedom * np.log(cost) + 2 * candidate.structure.parameter_count)
+
+
+def _with_demanded_lens(fitted: dict[str, Candidate]) -> tuple[dict[str, Candidate], list[str]]:
+    """The same models with six terms of r(θ) where the likelihood alone demands them: they come before any pupil."""
+    best = min(fitted.values(), key=lambda each: each.fit.adjustment.equations.cost)
+    if best.structure.lens != LENS:
+        return fitted, []
+    structure = _with_addition(best.structure, _FREER)
+    if first_step_test(structure, best.fit) > _HOPELESS:
+        return fitted, []
+    freer = refine(best.fit, structure)
+    gain = log_likelihood_gain(freer, best.fit)
+    if gain < _FREER_GAIN:
+        return fitted, []
+    return {
+        name: Candidate(freer, cross_validate(freer))
+        if each is best
+        else candidate(each.fit, _with_addition(each.structure, _FREER))
+        for name, each in fitted.items()
+    }, [f"{_FREER} kept: it gains {gain:.0f} in log-likelihood, over {_FREER_GAIN:g}"]
+
+
+def log_likelihood_gain(rich: Fit, plain: Fit) -> float:
+    """Δ ln L of normal residuals at the richer fit's σ², which its clustering widens."""
+    variance = rich.noise_variance[0] * rich.clustering
+    return float((plain.adjustment.equations.cost - rich.adjustment.equations.cost) / max(variance, 1e-300))
+
+
+def pupil_verdict(candidates: dict[str, Candidate], terms_open: bool = True) -> tuple[PupilVerdict, Fit]:
+    """The verdict on the pupil, and the fit that it is about: of an even family, as lenses have it.
+
+    What an odd one alone sees is r(θ) that bends near the rim. terms_open: whether the family may take as many as it
+    needs. A doubtful pupil is kept where views at other distances than it was fitted to are predicted better with it.
+    """
+    central = candidates[CENTRAL_MODEL].fit
+    pupils = [each.fit for each in candidates.values() if each.fit is not central]
+    even = [fit for fit in pupils if _is_even(fit.structure.model)]
+    if even:
+        fit = min(even, key=lambda each: each.adjustment.equations.cost)
+    else:
+        fit = refine(central, _with_model(central.structure, "ep_even", pupils[0].structure.terms))
+    if terms_open:
+        fit, _ = _grown(fit)
+    verdict = judge(fit, central)
+    if verdict.answer != DOUBTFUL:
+        return verdict, fit
+    better = verdict.views >= _FOLDABLE and predicts_other_distances(fit, central)
+    return replace(verdict, other_distances=better, kept=better), fit
+
+
+def _is_even(model: str) -> bool:
+    """Whether a family of pupils is not an odd one, E(−θ) = −E(θ)."""
+    family, theta = PUPIL_FAMILIES[model], np.array([0.3, 0.7])
+    terms = family.default_terms
+    return not np.allclose(family.basis(-theta, terms), -family.basis(theta, terms), atol=1e-9)
 
 
 def _with_additions(best: Candidate, additions: list[str]) -> tuple[Candidate, list[str]]:
@@ -156,21 +239,27 @@ def _tested(structure: Structure, plain: Fit) -> tuple[float, Fit | None]:
 
 
 def _with_further_terms(plain: Candidate) -> tuple[Candidate, list[str]]:
-    """A pupil with as many terms as the data support; one more may tell little where two more tell much. The steps."""
-    reasons = []
-    model, best = plain.structure.model, plain.fit
-    for terms in range(plain.structure.pupil_terms + 1, PUPIL_FAMILIES[model].max_terms + 1):
-        chance, fit = _tested(replace(plain.structure, terms=terms), best)
-        if fit and chance < _FURTHER:
-            best = fit
-        else:
-            reasons.append(_left_out(f"{terms} terms of {model}", chance))
+    """A pupil with as many terms as the data support, and the steps."""
+    best, reasons = _grown(plain.fit)
     if best is plain.fit:
         return plain, reasons
     richer = Candidate(best, cross_validate(best))
     kept = supported(richer, plain, _FURTHER)
-    reasons.insert(0, _reason(f"{best.structure.pupil_terms} terms of {model}", richer, plain, kept))
+    reasons.insert(0, _reason(f"{best.structure.pupil_terms} terms of {plain.structure.model}", richer, plain, kept))
     return (richer if kept else plain), reasons
+
+
+def _grown(fit: Fit) -> tuple[Fit, list[str]]:
+    """A fit with further terms of its pupil, and the steps; one more may tell little where two more tell much."""
+    reasons = []
+    model, best = fit.structure.model, fit
+    for terms in range(fit.structure.pupil_terms + 1, PUPIL_FAMILIES[model].max_terms + 1):
+        chance, richer = _tested(replace(fit.structure, terms=terms), best)
+        if richer and chance < _FURTHER:
+            best = richer
+        else:
+            reasons.append(_left_out(f"{terms} terms of {model}", chance))
+    return best, reasons
 
 
 def _with_model(structure: Structure, model: str, terms: int | None) -> Structure:
@@ -186,15 +275,18 @@ def _with_addition(structure: Structure, name: str) -> Structure:
 
 
 def supported_pupils(candidates: dict[str, Candidate]) -> list[str]:
-    """Those of the pupil models that the data support against the single viewpoint; each is one of several trials."""
+    """Those of the pupil models that the nested test prefers to the single viewpoint; each is one of several trials."""
     central = candidates[CENTRAL_MODEL]
     pupils = {name: each for name, each in candidates.items() if each is not central}
-    return [name for name, each in pupils.items() if supported(each, central, _SIGNIFICANCE / len(pupils))]
+    return [name for name, each in pupils.items() if nested_test(each.fit, central.fit) < _SIGNIFICANCE / len(pupils)]
 
 
 def with_needed_lens(candidates: dict[str, Candidate]) -> dict[str, Candidate]:
     """The same models, with a freer r(θ) where the data support it: what four terms leave of one passes for a pupil."""
-    best = min(candidates.values(), key=lambda each: each.validation.mean_loss)
+    demanded, _ = _with_demanded_lens(candidates)
+    if demanded is not candidates:
+        return demanded
+    best = best_of(candidates.values())
     if best.structure.lens != LENS:
         return candidates
     _, fit = _tested(_with_addition(best.structure, _FREER), best.fit)
@@ -210,16 +302,26 @@ def with_needed_lens(candidates: dict[str, Candidate]) -> dict[str, Candidate]:
 
 
 def _simplest_good(candidates: dict[str, Candidate], pupils: list[str]) -> Candidate:
-    """Of the supported pupils the simplest that the best does not clearly beat, ties by prediction.
+    """Of the pupils the simplest that the best does not clearly beat, ties by prediction."""
+    found = [candidates[name] for name in pupils]
+    best = best_of(found)
+    good = [each for each in found if each is best or not _clearly_better(best, each)]
+    return min(good, key=lambda each: (each.structure.parameter_count, _badness(each)))
 
-    Without one that is supported the single viewpoint.
+
+def _clearly_better(pupil: Candidate, other: Candidate) -> bool:
+    """Whether a pupil predicts better than another, and the likelihood says so too.
+
+    Folds are few: by them alone one in six would be clearly better by chance. The likelihood ratio of families that do
+    not contain each other is held to what nested ones with as many terms more would reach by chance.
     """
-    if not pupils:
-        return candidates[CENTRAL_MODEL]
-    supported_ones = [candidates[name] for name in pupils]
-    best = min(supported_ones, key=lambda each: each.validation.mean_loss)
-    good = [each for each in supported_ones if each is best or not best.clearly_better(each)]
-    return min(good, key=lambda each: (each.structure.parameter_count, each.validation.mean_loss))
+    if len(pupil.fit.sightings.images) >= _FOLDABLE and not pupil.clearly_better(other):
+        return False
+    from scipy.special import chdtrc  # scipy.stats would take half a second more to load
+
+    more = max(pupil.structure.parameter_count - other.structure.parameter_count, 1)
+    gain = max(log_likelihood_gain(pupil.fit, other.fit), 0.0)
+    return bool(chdtrc(more, 2 * gain) < _OTHER_FAMILY)
 
 
 def _reason(name: str, richer: Candidate, plain: Candidate, kept: bool) -> str:

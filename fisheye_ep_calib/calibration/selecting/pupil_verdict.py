@@ -1,0 +1,168 @@
+"""Whether the data support an entrance pupil that moves: supported, doubtful, or not distinguishable from none.
+
+E at an angle is held against a σ that holds three things: what the noise leaves open, how much views scatter, and by
+how much E changes from one model to another of what else may have moved the points (a nuisance model):
+
+    σ_tot² = max(σ_posterior, σ_views)² + Var over models of E,      E from the likeliest of them
+
+σ_views is the sandwich over views (Cameron and Miller, J. Human Resources 50, 2015). Supported: |E| > 3 σ_tot, and the
+nested test that lets residuals of a view correlate agrees. E > 0 is the sign that no lens has: it takes 10 σ_tot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fisheye_ep_calib.calibration.assessing.uncertainty import independent_covariance
+from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.normal_equations import view_robust_covariance
+from fisheye_ep_calib.calibration.selecting.nested_tests import nested_test
+from fisheye_ep_calib.camera.parameters import pupil_names
+
+SUPPORTED, DOUBTFUL, NOT_DISTINGUISHABLE = "supported", "doubtful", "not distinguishable"
+JUDGED_AT = np.radians(60)  # or the largest angle seen, where that is less
+_CLAIM, _DOUBT = 3.0, 2.0  # σ_tot
+_WRONG_SIGN = 10.0  # σ_tot for E > 0
+_SIGNIFICANCE = 0.01  # of the clustered test
+FEWEST_VIEWS = 4  # that claim a pupil
+
+
+@dataclass(frozen=True)
+class NuisanceModel:
+    """Something else that may have moved the points, estimated beside the camera.
+
+    deviance: −2 log-likelihood; only differences between models count. pupil: E at the angle asked for, metres.
+    sigma: its standard deviation, metres.
+    """
+
+    name: str
+    deviance: float
+    pupil: float
+    sigma: float
+
+
+Nuisances = Callable[[Fit, float], Sequence[NuisanceModel]]
+
+
+@dataclass(frozen=True)
+class PupilVerdict:
+    """All that decided. model: the family of pupils that was judged. theta: the angle, rad. pupil: E there, metres.
+
+    sigma_posterior, sigma_views, sigma_models: the parts of σ_tot, metres. p_value: of the clustered nested test.
+    models: that were weighed; likeliest: which of them E is from. other_distances: whether views at other distances
+    are predicted better with the pupil; None where that was not asked. kept: whether the camera has the pupil.
+    """
+
+    answer: str
+    model: str
+    theta: float
+    pupil: float
+    sigma_posterior: float
+    sigma_views: float
+    sigma_models: float
+    p_value: float
+    views: int
+    models: tuple[NuisanceModel, ...]
+    likeliest: str
+    other_distances: bool | None = None
+    kept: bool = False
+
+    @property
+    def sigma(self) -> float:
+        """σ_tot, metres."""
+        return float(np.hypot(max(self.sigma_posterior, self.sigma_views), self.sigma_models))
+
+    @property
+    def ratio(self) -> float:
+        """|E| over σ_tot."""
+        return abs(self.pupil) / max(self.sigma, 1e-300)
+
+    @property
+    def why(self) -> str:
+        """What decided, in numbers."""
+        told = f"{self.ratio:.1f} σ"
+        if self.sigma_models > 0:
+            told += f" over {len(self.models)} models of what else may move points"
+        return f"{told}, clustered test p = {self.p_value:.2g}"
+
+    def to_dict(self) -> dict[str, object]:
+        """The numbers that programs read; lengths in millimetres."""
+        return {
+            "answer": self.answer,
+            "model": self.model,
+            "theta_deg": float(np.degrees(self.theta)),
+            "E_mm": 1e3 * self.pupil,
+            "sigma_mm": 1e3 * self.sigma,
+            "sigma_posterior_mm": 1e3 * self.sigma_posterior,
+            "sigma_views_mm": 1e3 * self.sigma_views,
+            "sigma_models_mm": 1e3 * self.sigma_models,
+            "p_value": self.p_value,
+            "models": {one.name: {"E_mm": 1e3 * one.pupil, "deviance": one.deviance} for one in self.models},
+            "likeliest": self.likeliest,
+            "other_distances": self.other_distances,
+            "kept": self.kept,
+        }
+
+
+def own_shape(fit: Fit, theta: float) -> tuple[NuisanceModel, ...]:
+    """The fit itself, with the target's shape as it was estimated."""
+    freedom, cost = max(fit.degrees_of_freedom, 1), max(fit.adjustment.equations.cost, 1e-300)
+    deviance = freedom * float(np.log(2 * cost / freedom))
+    pupil = float(fit.state.camera.entrance_pupil(theta))
+    sigma, _ = _sigmas(fit, theta)
+    return (NuisanceModel("shape", deviance, pupil, sigma),)
+
+
+def judge(pupil: Fit, central: Fit, nuisances: Nuisances = own_shape) -> PupilVerdict:
+    """The verdict on a fit with a pupil, beside the same with a single viewpoint."""
+    theta = float(min(JUDGED_AT, pupil.largest_angle))
+    models = tuple(nuisances(pupil, theta))
+    likeliest = min(models, key=lambda one: one.deviance)
+    posterior, over_views = _sigmas(pupil, theta)
+    verdict = PupilVerdict(
+        "",
+        pupil.structure.model,
+        theta,
+        likeliest.pupil,
+        max(posterior, likeliest.sigma),
+        over_views,
+        float(np.std([one.pupil for one in models])),
+        nested_test(pupil, central),
+        len(pupil.sightings.images),
+        models,
+        likeliest.name,
+    )
+    return _answered(verdict)
+
+
+def _answered(verdict: PupilVerdict) -> PupilVerdict:
+    seen, tested = verdict.ratio > _CLAIM, verdict.p_value < _SIGNIFICANCE
+    if seen and tested:
+        wrong_sign = verdict.pupil > 0 and verdict.ratio < _WRONG_SIGN
+        answer = DOUBTFUL if wrong_sign or verdict.views < FEWEST_VIEWS else SUPPORTED
+    else:
+        answer = DOUBTFUL if seen or tested or verdict.ratio > _DOUBT else NOT_DISTINGUISHABLE
+    return replace(verdict, answer=answer, kept=answer == SUPPORTED)
+
+
+def _sigmas(fit: Fit, theta: float) -> tuple[float, float]:
+    """σ of E(θ), metres, from the noise and from the scatter over views; infinite where the data leave it open."""
+    camera = fit.state.camera
+    names, _ = fit.shared_parameters
+    row = np.zeros(len(names))
+    basis = camera.pupil_family.basis(np.array(theta), len(camera.coefficients))
+    row[[names.index(name) for name in pupil_names(len(basis))]] = basis
+    try:
+        _, independent = independent_covariance(fit)
+        robust = view_robust_covariance(fit.settled)
+    except np.linalg.LinAlgError:
+        return np.inf, np.inf
+    posterior, views = fit.clustering * (row @ independent @ row), row @ robust @ row
+    return _root(posterior), _root(views)
+
+
+def _root(variance: float) -> float:
+    return float(np.sqrt(variance)) if variance >= 0 else np.inf
