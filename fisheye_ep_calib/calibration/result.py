@@ -27,9 +27,9 @@ from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.selecting.model_selection import (
     Candidate,
     Choice,
+    beside_named,
     pupil_verdict,
     side_by_side,
-    with_needed_lens,
 )
 from fisheye_ep_calib.calibration.selecting.outliers import RejectedPoint
 from fisheye_ep_calib.calibration.selecting.pupil_verdict import SUPPORTED, PupilVerdict
@@ -155,7 +155,7 @@ class CalibrationResult:
         """The verdict on the pupil and the fit that it is about."""
         if self.choice is not None:
             return self.choice.verdict, self.choice.judged
-        return pupil_verdict(with_needed_lens(self.candidates), terms_open=False)
+        return pupil_verdict(beside_named(self.candidates), self.fit.structure.terms is None)
 
     @property
     def observations(self) -> Observations:

@@ -74,6 +74,15 @@ def side_by_side(fit: Fit) -> dict[str, Candidate]:
     return {CENTRAL_MODEL: pair[CENTRAL_MODEL], **pair}
 
 
+def beside_named(pair: dict[str, Candidate]) -> dict[str, Candidate]:
+    """What a named model's pupil is judged among: it may not be of the family that the lens has, so an even one too."""
+    judged = with_needed_lens(pair)
+    if "ep_even" in judged:
+        return judged
+    central = judged[CENTRAL_MODEL].fit
+    return judged | {"ep_even": candidate(central, replace(central.structure, model="ep_even", terms=None))}
+
+
 def supported(rich: Candidate, plain: Candidate, significance: float = _SIGNIFICANCE) -> bool:
     """Whether the data support a richer structure: the nested test must, and it must predict held-out views better.
 
@@ -123,7 +132,8 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     reasons.append(f"entrance pupil {verdict.answer}: {verdict.why}")
     if not verdict.kept:
         return Choice(fitted, fitted[CENTRAL_MODEL], tuple(reasons), verdict, fit)
-    pupils = sorted({*supported_pupils(judged), verdict.model}, key=list(fitted).index)
+    others = supported_pupils(judged) if verdict.seen else []
+    pupils = sorted({*others, verdict.model}, key=list(fitted).index)
     grown = {}
     if base.terms is None:
         grown = {name: _with_further_terms(fitted[name]) for name in pupils}
@@ -173,25 +183,37 @@ def log_likelihood_gain(rich: Fit, plain: Fit) -> float:
 
 
 def pupil_verdict(candidates: dict[str, Candidate], terms_open: bool = True) -> tuple[PupilVerdict, Fit]:
-    """The verdict on the pupil, and the fit that it is about: of an even family, as lenses have it.
+    """The verdict on the pupil, and the fit that it is about.
 
-    What an odd one alone sees is r(θ) that bends near the rim. terms_open: whether the family may take as many as it
-    needs. A doubtful pupil is kept where views at other distances than it was fitted to are predicted better with it.
+    It is of the simplest family that no other clearly beats; of an odd one only where an even one sees a pupil too,
+    with as many terms as it needs: what an odd one alone sees is r(θ) that bends near the rim. terms_open: whether
+    more terms than were asked for may be tried. A doubtful pupil is kept where views at other distances than it was
+    fitted to are predicted better with it.
     """
     central = candidates[CENTRAL_MODEL].fit
-    pupils = [each.fit for each in candidates.values() if each.fit is not central]
-    even = [fit for fit in pupils if _is_even(fit.structure.model)]
-    if even:
-        fit = min(even, key=lambda each: each.adjustment.equations.cost)
-    else:
-        fit = refine(central, _with_model(central.structure, "ep_even", pupils[0].structure.terms))
+    pupils = [name for name, each in candidates.items() if each.fit is not central]
+    fit = _simplest_good(candidates, pupils).fit
     if terms_open:
         fit, _ = _grown(fit)
     verdict = judge(fit, central)
+    if not _is_even(fit.structure.model):
+        even, even_fit = _even_verdict(candidates, pupils)
+        if not even.seen:
+            verdict, fit = even, even_fit
     if verdict.answer != DOUBTFUL:
         return verdict, fit
     better = verdict.views >= _FOLDABLE and predicts_other_distances(fit, central)
     return replace(verdict, other_distances=better, kept=better), fit
+
+
+def _even_verdict(candidates: dict[str, Candidate], pupils: list[str]) -> tuple[PupilVerdict, Fit]:
+    """The verdict on the likeliest even family, which may not have been compared, with as many terms as it needs."""
+    central = candidates[CENTRAL_MODEL].fit
+    even = [candidates[name].fit for name in pupils if _is_even(candidates[name].structure.model)]
+    if not even:
+        even = [refine(central, _with_model(central.structure, "ep_even", None))]
+    fit, _ = _grown(min(even, key=lambda each: each.adjustment.equations.cost))
+    return judge(fit, central), fit
 
 
 def _is_even(model: str) -> bool:

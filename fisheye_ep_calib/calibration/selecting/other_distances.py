@@ -14,18 +14,17 @@ from fisheye_ep_calib.calibration.selecting.cross_validation import fit_without,
 def predicts_other_distances(rich: Fit, plain: Fit) -> bool:
     """Whether a fit predicts the farther half of the views from the nearer one, and the reverse, better than another.
 
-    The halves count alike: Σ over both of the logarithm of the held-out loss. A fit that does not exist without one of
-    the halves does not.
+    Both must be better: one of the two is by chance half of the time.
     """
     far = _far_half(plain)
-    ratio = 0.0
     for left_out in (far, ~far):
         try:
             with_pupil, without = (held_out_error(fit_without(fit, left_out), fit, left_out) for fit in (rich, plain))
         except np.linalg.LinAlgError:
             return False
-        ratio += np.log(max(with_pupil[1], 1e-300) / max(without[1], 1e-300))
-    return bool(np.isfinite(ratio) and ratio < 0)
+        if not with_pupil[1] < without[1]:
+            return False
+    return True
 
 
 def _far_half(fit: Fit) -> np.ndarray:

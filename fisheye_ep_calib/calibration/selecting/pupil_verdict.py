@@ -11,11 +11,11 @@ nested test that lets residuals of a view correlate agrees. E > 0 is the sign th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.assessing.nuisance_models import NuisanceModel, nuisance_models
 from fisheye_ep_calib.calibration.assessing.uncertainty import independent_covariance
 from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.estimating.normal_equations import view_robust_covariance
@@ -28,23 +28,7 @@ _CLAIM, _DOUBT = 3.0, 2.0  # σ_tot
 _WRONG_SIGN = 10.0  # σ_tot for E > 0
 _SIGNIFICANCE = 0.01  # of the clustered test
 FEWEST_VIEWS = 4  # that claim a pupil
-
-
-@dataclass(frozen=True)
-class NuisanceModel:
-    """Something else that may have moved the points, estimated beside the camera.
-
-    deviance: −2 log-likelihood; only differences between models count. pupil: E at the angle asked for, metres.
-    sigma: its standard deviation, metres.
-    """
-
-    name: str
-    deviance: float
-    pupil: float
-    sigma: float
-
-
-Nuisances = Callable[[Fit, float], Sequence[NuisanceModel]]
+_FEWEST_FOR_MODELS = 6  # views; fewer do not tell one model from another
 
 
 @dataclass(frozen=True)
@@ -81,6 +65,11 @@ class PupilVerdict:
         return abs(self.pupil) / max(self.sigma, 1e-300)
 
     @property
+    def seen(self) -> bool:
+        """Whether both say so: E beyond 3 σ_tot, and the clustered test."""
+        return self.ratio > _CLAIM and self.p_value < _SIGNIFICANCE
+
+    @property
     def why(self) -> str:
         """What decided, in numbers."""
         told = f"{self.ratio:.1f} σ"
@@ -100,36 +89,29 @@ class PupilVerdict:
             "sigma_views_mm": 1e3 * self.sigma_views,
             "sigma_models_mm": 1e3 * self.sigma_models,
             "p_value": self.p_value,
-            "models": {one.name: {"E_mm": 1e3 * one.pupil, "deviance": one.deviance} for one in self.models},
+            "models": {
+                each.name: {"E_mm": 1e3 * float(each.pupil[0]), "deviance": each.deviance} for each in self.models
+            },
             "likeliest": self.likeliest,
             "other_distances": self.other_distances,
             "kept": self.kept,
         }
 
 
-def own_shape(fit: Fit, theta: float) -> tuple[NuisanceModel, ...]:
-    """The fit itself, with the target's shape as it was estimated."""
-    freedom, cost = max(fit.degrees_of_freedom, 1), max(fit.adjustment.equations.cost, 1e-300)
-    deviance = freedom * float(np.log(2 * cost / freedom))
-    pupil = float(fit.state.camera.entrance_pupil(theta))
-    sigma, _ = _sigmas(fit, theta)
-    return (NuisanceModel("shape", deviance, pupil, sigma),)
-
-
-def judge(pupil: Fit, central: Fit, nuisances: Nuisances = own_shape) -> PupilVerdict:
+def judge(pupil: Fit, central: Fit) -> PupilVerdict:
     """The verdict on a fit with a pupil, beside the same with a single viewpoint."""
     theta = float(min(JUDGED_AT, pupil.largest_angle))
-    models = tuple(nuisances(pupil, theta))
-    likeliest = min(models, key=lambda one: one.deviance)
     posterior, over_views = _sigmas(pupil, theta)
+    models = _models(pupil, theta, posterior)
+    likeliest = min(models, key=lambda each: each.deviance)
     verdict = PupilVerdict(
         "",
         pupil.structure.model,
         theta,
-        likeliest.pupil,
-        max(posterior, likeliest.sigma),
+        float(likeliest.pupil[0]),
+        max(posterior, float(likeliest.sigma[0])),
         over_views,
-        float(np.std([one.pupil for one in models])),
+        float(np.std([each.pupil[0] for each in models])),
         nested_test(pupil, central),
         len(pupil.sightings.images),
         models,
@@ -138,13 +120,25 @@ def judge(pupil: Fit, central: Fit, nuisances: Nuisances = own_shape) -> PupilVe
     return _answered(verdict)
 
 
+def _models(fit: Fit, theta: float, posterior: float) -> tuple[NuisanceModel, ...]:
+    """What else may have moved the points; of few views, or where they leave something open, the fit alone."""
+    angles = np.array([theta])
+    if len(fit.sightings.images) >= _FEWEST_FOR_MODELS and fit.problem.loss.kind == "linear":
+        try:
+            return nuisance_models(fit, angles)
+        except np.linalg.LinAlgError:
+            pass
+    own = fit.state.camera.entrance_pupil(angles)
+    return (NuisanceModel("shape", 0.0, own, np.array([posterior]), fit.sigma_px, {}),)
+
+
 def _answered(verdict: PupilVerdict) -> PupilVerdict:
-    seen, tested = verdict.ratio > _CLAIM, verdict.p_value < _SIGNIFICANCE
-    if seen and tested:
+    if verdict.seen:
         wrong_sign = verdict.pupil > 0 and verdict.ratio < _WRONG_SIGN
         answer = DOUBTFUL if wrong_sign or verdict.views < FEWEST_VIEWS else SUPPORTED
     else:
-        answer = DOUBTFUL if seen or tested or verdict.ratio > _DOUBT else NOT_DISTINGUISHABLE
+        hinted = verdict.ratio > _DOUBT or verdict.p_value < _SIGNIFICANCE
+        answer = DOUBTFUL if hinted else NOT_DISTINGUISHABLE
     return replace(verdict, answer=answer, kept=answer == SUPPORTED)
 
 
