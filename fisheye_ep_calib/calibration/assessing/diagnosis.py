@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.assessing.asymmetry import not_symmetric
 from fisheye_ep_calib.calibration.assessing.board_findings import board_bent, board_scale
 from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference, camera_difference
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
@@ -91,6 +92,7 @@ def diagnose(
         *_units(distance, camera),
         *_view_changes(fit),
         _few_views(len(fit.sightings.images)),
+        *not_symmetric(fit),
         *(() if board is None else (board_bent(board), board_scale(board))),
     ]
     return Diagnosis(counts, in_image, view_rms, split, tuple(findings))

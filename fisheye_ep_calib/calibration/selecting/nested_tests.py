@@ -13,7 +13,7 @@ from fisheye_ep_calib.calibration.estimating.normal_equations import (
 )
 from fisheye_ep_calib.calibration.structure import Structure
 
-_CLUSTERS_BEYOND_TERMS = 10  # views beyond the number of tested parameters that the view-robust test needs
+CLUSTERS_BEYOND_TERMS = 10  # views beyond the number of tested parameters that the view-robust test needs
 
 
 def nested_test(rich: Fit, plain: Fit) -> float:
@@ -28,16 +28,16 @@ def nested_test(rich: Fit, plain: Fit) -> float:
     if extra <= 0 or rich.degrees_of_freedom <= 0:
         return 1.0
     gain = plain.adjustment.equations.cost - rich.adjustment.equations.cost
-    if len(rich.sightings.images) < extra + _CLUSTERS_BEYOND_TERMS:
-        return _f_test(plain, gain, extra, rich.clustering)
-    return max(_f_test(plain, gain, extra), _wald_test(rich, plain))
+    if len(rich.sightings.images) < extra + CLUSTERS_BEYOND_TERMS:
+        return f_test(plain, gain, extra, rich.clustering)
+    return max(f_test(plain, gain, extra), _wald_test(rich, plain))
 
 
-def _f_test(plain: Fit, gain: float, extra: int, clustering: float = 1.0) -> float:
+def f_test(plain: Fit, gain: float, extra: int, clustering: float = 1.0) -> float:
     """p-value of a gain in cost, px², by ``extra`` parameters more than a fit's."""
     freedom = plain.degrees_of_freedom - extra
     rest = max(plain.adjustment.equations.cost - gain, 1e-300)
-    return _f_tail(extra, freedom, max(gain, 0.0) / extra / (clustering * rest / freedom))
+    return f_tail(extra, freedom, max(gain, 0.0) / extra / (clustering * rest / freedom))
 
 
 def first_step_test(structure: Structure, plain: Fit) -> float:
@@ -51,7 +51,7 @@ def first_step_test(structure: Structure, plain: Fit) -> float:
         return 1.0
     equations = evaluate(*opened(plain, structure, plain.sightings))
     try:
-        return _f_test(plain, solve_damped(equations, ALMOST_UNDAMPED).predicted_decrease, extra)
+        return f_test(plain, solve_damped(equations, ALMOST_UNDAMPED).predicted_decrease, extra)
     except np.linalg.LinAlgError:  # nothing is known about them
         return 1.0
 
@@ -67,10 +67,10 @@ def _wald_test(rich: Fit, plain: Fit) -> float:
         statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
     except np.linalg.LinAlgError:  # nothing is known about them
         return 1.0
-    return _f_tail(len(tested), views - len(tested), statistic) if np.isfinite(statistic) else 1.0
+    return f_tail(len(tested), views - len(tested), statistic) if np.isfinite(statistic) else 1.0
 
 
-def _f_tail(extra: int, freedom: int, statistic: float) -> float:
+def f_tail(extra: int, freedom: int, statistic: float) -> float:
     """P(F > statistic) with (extra, freedom) degrees of freedom."""
     from scipy.special import fdtrc  # scipy.stats would take half a second more to load
 
