@@ -46,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(json_text(judged.to_dict()))
         return 0
     print(f"{len(judged.images)} views, {judged.points} points; {len(judged.failed)} views without a pose")
+    if not judged.flat:
+        print("the target has the shape that was measured with the camera, or that its own file brings")
     print(f"RMS {judged.rms_px:.4f} px, median {judged.median_px:.4f} px, 95 % below {judged.p95_px:.4f} px")
     return 0
 
