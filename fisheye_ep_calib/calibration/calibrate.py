@@ -16,6 +16,8 @@ from fisheye_ep_calib.calibration.estimating.adjustment import adjust
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
+from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER
+from fisheye_ep_calib.calibration.estimating.view_effects_estimate import with_view_effects
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.result import CalibrationResult
 from fisheye_ep_calib.calibration.selecting.independent_views import without_copies, without_resting_views
@@ -56,6 +58,8 @@ class Options:
     board_shape: of BOARD_SHAPES, or one that was measured before and is held; ``of`` also takes a file that has it.
     disc_centers: "unbiased" predicts the centre of gravity of each projected disc, "naive" the image of its centre.
     loss: "cut" leaves out what lies beyond 6 σ of the richest model; "huber" keeps every sighting at less weight.
+    flex, rolling_shutter: whether a board that changes from view to view, and a motion within each image, are
+    estimated (view_effects.py).
     svp_distance: metres, for which the single-viewpoint stand-in is fitted.
     force: give back a camera that is refused for what its views leave open, with the reason in ``refused``.
     """
@@ -67,6 +71,8 @@ class Options:
     board_shape: str | BoardShape | None = None
     disc_centers: str = "unbiased"
     loss: str = "cut"
+    flex: bool = False
+    rolling_shutter: bool = False
     svp_distance: float = np.inf
     force: bool = False
     extras: Mapping[str, bool | None] = field(default_factory=dict)
@@ -196,6 +202,10 @@ def _screened_fit(
         screening = Screening(huber_fit(start, fit), (), ()) if settings.loss == "huber" else screen(start, fit)
         if screening.start is not start:
             fit = refine(screening.start, base)
+    effects = (*((FLEX, IN_PLANE) if settings.flex else ()), *(SHUTTER if settings.rolling_shutter else ()))
+    if effects:
+        fit = with_view_effects(fit, effects)
+        screening = replace(screening, start=fit)
     seconds = {
         "initialize": initialized - started,
         "adjust": adjusted - initialized,
@@ -298,7 +308,7 @@ def _open_questions(settings: Options) -> Search:
     return Search(
         skew=settings.skew is None,
         lens=settings.lens is None,
-        extras=("tangential",) if settings.extras.get("tangential") is None else (),
+        extras=tuple(name for name in ("tangential", "tilt") if settings.extras.get(name) is None),
     )
 
 

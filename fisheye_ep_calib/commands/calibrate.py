@@ -88,6 +88,12 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
         "much as the data say; auto, free where other views are predicted better with it (default with --model auto, "
         "else flat); or a target or camera file with a shape that was measured before",
     )
+    structure.add_argument(
+        "--flex", action="store_true", help="a board that bends and stretches from view to view is estimated"
+    )
+    structure.add_argument(
+        "--rolling-shutter", action="store_true", help="a motion while the shutter rolls is estimated in every view"
+    )
     structure.add_argument("--board-warp", action=action, help="the same as --board-shape bow")
     structure.add_argument(
         "--disc-centers",

@@ -7,16 +7,20 @@ the most likely ones, and camera and covariance follow from them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, opened
-from fisheye_ep_calib.calibration.estimating.joint_posterior import JOINT_GROUPS, LENS_GROUPS, JointLinearisation
-from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER, view_effects
-from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
+from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.joint_posterior import (
+    JOINT_GROUPS,
+    LENS_GROUPS,
+    JointLinearisation,
+    linearised_jointly,
+)
+from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER
 from fisheye_ep_calib.camera.parameters import pupil_names
-from fisheye_ep_calib.target.shape.model import FREE, GROUPS, free_model
+from fisheye_ep_calib.target.shape.model import GROUPS
 
 NUISANCES: Mapping[str, tuple[str, ...]] = {
     "shape": GROUPS,
@@ -50,23 +54,9 @@ def joint_linearisation(fit: Fit) -> JointLinearisation:
     """At a fit, whatever of shape, views and lens field it has: all of them free. It is kept with the fit."""
     kept: dict = vars(fit)
     if _KEPT not in kept:
-        kept[_KEPT] = _linearised(fit)
+        kept[_KEPT] = linearised_jointly(fit)
     found: JointLinearisation = kept[_KEPT]
     return found
-
-
-def _linearised(fit: Fit) -> JointLinearisation:
-    sightings, structure = fit.sightings, fit.structure
-    seen = seen_points(sightings)
-    effects = view_effects(sightings.target, seen, sightings.observations.image_size[1])
-    extras = tuple(dict.fromkeys((*structure.extras, LENS_FIELD.name)))
-    structure = replace(structure, extras=extras)
-    sightings = replace(sightings, effects=effects)
-    if sightings.features.board.planar:
-        structure = replace(structure, board_shape=FREE)
-        if not fit.problem.shape_size:
-            sightings = replace(sightings, free=free_model(sightings.target, seen))
-    return JointLinearisation(*opened(fit, structure, sightings), sightings.point_count)
 
 
 def nuisance_models(fit: Fit, angles: np.ndarray) -> tuple[NuisanceModel, ...]:
@@ -94,10 +84,3 @@ def _model(fit: Fit, angles: np.ndarray, linearisation: JointLinearisation, name
         variances.noise,
         {group: float(tau) for group, tau in zip(JOINT_GROUPS, variances.deviation, strict=True) if tau > 0},
     )
-
-
-def seen_points(sightings: Sightings) -> np.ndarray:
-    """Which points (n,) of the target are seen by the images in use."""
-    observations = sightings.observations
-    used = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
-    return np.bincount(observations.point_index[used], minlength=len(observations.object_points)) > 0

@@ -15,13 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
+from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, opened
 from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
 from fisheye_ep_calib.calibration.estimating.shape_equations import ShapeEquations, block_system, solve_scaled
 from fisheye_ep_calib.calibration.estimating.shape_posterior import inverse_and_log_determinant
-from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS
+from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD, ORDERS
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
-from fisheye_ep_calib.target.shape.model import AXIS_GROUP, GROUPS
+from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FREE, GROUPS, free_model
 from fisheye_ep_calib.target.shape.variances import Posterior, Variances, most_likely
 
 LENS_GROUPS = tuple(f"lens order {order}" for order in ORDERS)
@@ -254,6 +255,28 @@ class JointLinearisation:
         right = on_shared[camera] - np.einsum("vqs,vq->s", mixed, settled[..., -1])
         taken = (on_pose * settled[..., -1]).sum() + right @ solve_scaled(reduced, right)
         return max(float(square - taken), 0.0)
+
+
+def linearised_jointly(fit: Fit) -> JointLinearisation:
+    """At a fit, whatever of shape, views and lens field it has: all of them free."""
+    sightings, structure = fit.sightings, fit.structure
+    seen = seen_points(sightings)
+    effects = view_effects(sightings.target, seen, sightings.observations.image_size[1])
+    extras = tuple(dict.fromkeys((*structure.extras, LENS_FIELD.name)))
+    structure = replace(structure, extras=extras)
+    sightings = replace(sightings, effects=effects)
+    if sightings.features.board.planar:
+        structure = replace(structure, board_shape=FREE)
+        if not fit.problem.shape_size:
+            sightings = replace(sightings, free=free_model(sightings.target, seen))
+    return JointLinearisation(*opened(fit, structure, sightings), sightings.point_count)
+
+
+def seen_points(sightings: Sightings) -> np.ndarray:
+    """Which points (n,) of the target are seen by the images in use."""
+    observations = sightings.observations
+    used = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
+    return np.bincount(observations.point_index[used], minlength=len(observations.object_points)) > 0
 
 
 def _start(groups: Sequence[str]) -> np.ndarray:

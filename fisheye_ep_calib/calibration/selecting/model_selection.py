@@ -98,7 +98,7 @@ class Search:
 
     skew: bool = True
     lens: bool = True
-    extras: tuple[str, ...] = ("tangential",)
+    extras: tuple[str, ...] = ("tangential", "tilt")
 
 
 def choose(start: Fit, base: Structure, search: Search) -> Choice:
