@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,42 +13,81 @@ from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation
 from fisheye_ep_calib.calibration.content import findings_content
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.words import BAD, CAUTION, GOOD, Verdict, sentence
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.rotation import motion_jacobian
 
 _HOLDS, _FAILS = 1.25, 2.0  # RMS over what the calibration's own noise leads to expect
+_WRONG_PX = 1.0  # px beyond the RMS expected; less may be blur, or a board that is not as its file says
+_ABSURD = 0.005  # RMS over the image's longer side, where nothing is expected
+_WRONG = "The camera does not hold on this recording: do not use it here."
+_WORST = 3  # views that are named
+_STANDS_OUT = 2.5  # RMS of a view over that of the middle one
 _UNEVEN = 1.5  # RMS of the nearer over the farther third of the views, or the other way round
 
 
-def expected_rms(found: Evaluation, noise_px: float | None) -> float | None:
-    """What the calibration's noise leads to expect with the poses refitted: √(2 σ² (2M − 6V)/(2M)), px.
+def expected_rms(found: Evaluation, noise_px: float | None, camera_px2: float = 0.0) -> float | None:
+    """What is to be expected with the poses refitted: √(2 σ² (2M − 6V)/(2M) + s²), px.
 
-    noise_px: σ of one coordinate; None where it is not known.
+    noise_px: σ of one coordinate; None where it is not known. camera_px2: s², as ``camera_variance`` gives it.
     """
     if not isinstance(noise_px, int | float) or not noise_px > 0:
         return None
     free = max(1 - 6 * len(found.images) / max(2 * found.points, 1), 0.1)
-    return float(noise_px) * float(np.sqrt(2 * free))
+    return float(np.sqrt(2 * free * float(noise_px) ** 2 + camera_px2))
 
 
-def evaluation_verdict(found: Evaluation, expected_px: float | None, findings: tuple[Finding, ...]) -> Verdict:
-    """Whether the camera holds. expected_px: as ``expected_rms`` gives it."""
+def camera_variance(
+    found: Evaluation, observations: Observations, camera: FisheyeCamera, covariance: np.ndarray
+) -> float:
+    """Mean over the points of what the camera's own uncertainty adds to dx² + dy², px², once poses are refitted.
+
+    A change δ of the camera's parameters moves the points of a view by J δ; its pose takes up what it can of that,
+    which leaves R J δ with R = 1 − P (Pᵀ P)⁻¹ Pᵀ and P the derivatives by the pose. Expected is tr(R J C Jᵀ) over all
+    views. covariance (P, P): C, of camera.parameters.
+    """
+    used = used_sightings(found, observations)
+    if not np.any(covariance) or not used.any():
+        return 0.0
+    camera = replace(camera, theta_max=np.pi)
+    total = 0.0
+    for image, pose in zip(found.images, found.camera_from_target, strict=True):
+        rows = observations.point_index[used & (observations.image_index == image)]
+        points = observations.object_points[rows] @ pose[:3, :3].T + pose[:3, 3]
+        _, valid, d_point, d_parameters = camera.project_with_jacobian(points)
+        by_pose = (d_point @ motion_jacobian(points - points.mean(axis=0)))[valid].reshape(-1, 6)
+        by_camera = d_parameters[valid].reshape(-1, len(covariance))
+        left = by_camera - by_pose @ np.linalg.lstsq(by_pose, by_camera, rcond=None)[0]
+        total += float(np.sum((left @ covariance) * left))
+    return total / int(used.sum())
+
+
+def evaluation_verdict(
+    found: Evaluation, expected_px: float | None, findings: tuple[Finding, ...], image_size: tuple[int, int]
+) -> Verdict:
+    """Whether the camera holds. expected_px: as ``expected_rms`` gives it. BAD where the camera is plainly wrong."""
     told = f"The residuals are {found.rms_px:.3f} px RMS over {found.points} points in {len(found.images)} views, "
     told += "every view's pose refitted and the camera as the file has it."
     concerns = tuple(sentence(one.sentence) for one in findings if one.concern)
     steps = concerns or ("Nothing stands out by distance, angle or view.",)
+    if expected_px is None and found.rms_px > _ABSURD * max(image_size):
+        return Verdict(BAD, _WRONG, (told,), steps)
     if expected_px is None:
         return Verdict(CAUTION, f"{found.rms_px:.3f} px RMS on this recording.", (told,), steps)
     ratio = found.rms_px / expected_px
     compared = (
-        f"The noise of its own calibration leads to expect {expected_px:.3f} px: {ratio:.2f} times that was found."
+        f"The noise of its points and its own uncertainty lead to expect {expected_px:.3f} px: {ratio:.2f} times that "
+        "was found."
     )
-    level, headline = _level(ratio, bool(concerns))
+    level, headline = _level(ratio, found.rms_px - expected_px, bool(concerns))
     return Verdict(level, headline, (told, compared), steps)
 
 
-def _level(ratio: float, concerns: bool) -> tuple[str, str]:
-    """ratio: of the RMS found over the RMS expected."""
+def _level(ratio: float, excess_px: float, concerns: bool) -> tuple[str, str]:
+    """ratio: of the RMS found over the RMS expected. excess_px: their difference."""
+    if ratio > _FAILS and excess_px > _WRONG_PX:
+        return BAD, _WRONG
     if ratio > _FAILS:
-        return BAD, "The camera does not hold on this recording."
+        return CAUTION, f"The camera holds on this recording only within {ratio:.1f} times what is expected."
     if ratio > _HOLDS:
         return CAUTION, "The camera holds less well here than where it was calibrated."
     if concerns:
@@ -55,21 +95,13 @@ def _level(ratio: float, concerns: bool) -> tuple[str, str]:
     return GOOD, "The camera holds on this recording."
 
 
-def evaluation_findings(
-    found: Evaluation, observations: Observations, theta_max: float, bow_m: float = 0.0
-) -> tuple[Finding, ...]:
-    """theta_max: rad, where the calibration's evidence ends. bow_m: metres, of a target that was taken as flat though
-    the calibration found it bent.
-    """
+def evaluation_findings(found: Evaluation, observations: Observations, theta_max: float) -> tuple[Finding, ...]:
+    """theta_max: rad, where the calibration's evidence ends."""
     used = used_sightings(found, observations)
     _, distance = azimuth_and_distance(observations, found.images, found.camera_from_target, used)
     square = (found.error[used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
     findings = [_beyond_evidence(found.theta[used], theta_max), *_near_against_far(distance, square)]
-    if bow_m > 0:
-        told = (
-            f"the target of the calibration is bent by {1e3 * bow_m:.2f} mm; if this is the same one, take its bow too"
-        )
-        findings.append(Finding("board_bent", {"bow_mm": 1e3 * bow_m}, True, told))
+    findings.append(_worst_views(worst_views(found, observations, len(found.images))))
     if count := len(found.failed):
         told = f"{count} views have no pose in this camera"
         findings.append(Finding("views_without_a_pose", {"views": float(count)}, True, told))
@@ -79,6 +111,32 @@ def evaluation_findings(
 def used_sightings(found: Evaluation, observations: Observations) -> np.ndarray:
     """(M,) bool: the observations that were measured."""
     return np.isfinite(found.error[:, 0]) & (observations.weights > 0) & np.isin(observations.image_index, found.images)
+
+
+def worst_views(found: Evaluation, observations: Observations, most: int = _WORST) -> dict[str, float]:
+    """Name → RMS, px, of the views that are worst, the worst first."""
+    used = used_sightings(found, observations)
+    view = np.searchsorted(found.images, observations.image_index[used])
+    square = (found.error[used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
+    count = np.bincount(view, minlength=len(found.images))
+    rms = np.sqrt(np.bincount(view, weights=square, minlength=len(found.images)) / np.maximum(count, 1))
+    order = np.argsort(-rms, kind="stable")[:most]
+    return {observations.image_names[int(found.images[row])]: float(rms[row]) for row in order}
+
+
+def _worst_views(rms: dict[str, float]) -> Finding:
+    """rms: of all views, the worst first."""
+    middle = float(np.median(list(rms.values())))
+    worst = list(rms.items())[:_WORST]
+    named = ", ".join(f"{name} {px:.3f} px" for name, px in worst)
+    told = f"the worst views: {named}, where the middle one has {middle:.3f} px"
+    stands_out = worst[0][1] > _STANDS_OUT * max(middle, 1e-9)
+    return Finding(
+        "worst_views",
+        {"rms_px": worst[0][1], "median_rms_px": middle},
+        stands_out,
+        f"{told}; look at the first for blur or wrong points" if stands_out else f"{told}: none stands out",
+    )
 
 
 def _beyond_evidence(theta: np.ndarray, limit: float) -> Finding:
@@ -123,5 +181,7 @@ def evaluation_content(
         "points": found.points,
         "failed_views": [observations.image_names[image] for image in found.failed],
         "verdict": verdict.headline,
+        "verdict_level": verdict.level,
+        "worst_views": worst_views(found, observations),
         "findings": findings_content(findings),
     }

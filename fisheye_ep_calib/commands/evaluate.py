@@ -7,14 +7,19 @@ import sys
 from pathlib import Path
 
 from fisheye_ep_calib.calibration.calibrate import DISC_CENTERS
+from fisheye_ep_calib.calibration.words import BAD
+from fisheye_ep_calib.commands.messages import with_options
 from fisheye_ep_calib.commands.reporting import refuse_unusable_report, write_evaluation_report
 from fisheye_ep_calib.commands.sources import add_source_arguments, cameras_given
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline import evaluate
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text
 
-DESCRIPTION = "Measure a camera file on a recording: every view's pose is refitted, the camera stays as it is."
+DESCRIPTION = (
+    "Measure a camera file on a recording: every view's pose is refitted, the camera stays as it is. The exit code\n"
+    "is 1 where the camera is plainly wrong."
+)
 EPILOG = """example:
   fisheye_ep_calib evaluate calibration/front.yaml other_recording.mcap --target board.yaml
 """
@@ -42,14 +47,21 @@ def run(arguments: argparse.Namespace) -> int:
     names = judged.observations.image_names
     for image, reason in judged.failed.items():
         print(f"{names[image]}: {reason}", file=sys.stderr)
+    code = CalibrationError.exit_code if judged.verdict.level == BAD else 0
     if arguments.json:
         print(json_text(judged.to_dict()))
-        return 0
+        return code
     print(f"{len(judged.images)} views, {judged.points} points; {len(judged.failed)} views without a pose")
-    if not judged.flat:
-        print("the target has the shape that was measured with the camera, or that its own file brings")
-    print(f"RMS {judged.rms_px:.4f} px, median {judged.median_px:.4f} px, 95 % below {judged.p95_px:.4f} px")
-    return 0
+    expected = judged.expected_rms_px
+    print(
+        f"RMS {judged.rms_px:.4f} px{'' if expected is None else f' ({expected:.4f} px expected)'}, "
+        f"median {judged.median_px:.4f} px, 95 % below {judged.p95_px:.4f} px"
+    )
+    print(with_options(judged.board_words, arguments))
+    for finding in judged.findings:
+        print(f"  {'!' if finding.concern else '·'} {finding.title}: {finding.sentence}")
+    print(judged.verdict.headline)
+    return code
 
 
 def _refuse_several(names: list[str]) -> None:

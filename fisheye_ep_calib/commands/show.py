@@ -47,6 +47,8 @@ def _text(file: CameraFile, content: dict[str, Any]) -> str:
     losses = ", ".join(f"{value:.2f} px at {key} m" for key, value in content["svp"]["loss_px"].items())
     if losses:
         lines.append(f"  a single-viewpoint consumer of CameraInfo loses {losses}")
+    if file.board is not None:
+        lines.append(f"  the board: {file.board.sentence}")
     for key, value in file.calibration.items():
         lines.append(f"  {key}: {value}")
     return "\n".join(lines)

@@ -11,6 +11,7 @@ from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation, evaluate_camera
 from fisheye_ep_calib.calibration.evaluation_words import (
+    camera_variance,
     evaluation_content,
     evaluation_findings,
     evaluation_verdict,
@@ -30,36 +31,57 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class EvaluatedCamera(Evaluation):
-    """known: the camera that was measured. seen: on what. flat: the target was taken as flat. path: of known."""
+    """known: the camera that was measured. seen: on what. flat: the target was taken as its
+    file has it. board: the shape that it was given instead. path: of known.
+    """
 
     known: CameraFile
     seen: CameraSource
     flat: bool = True
     path: str = ""
+    board: BoardShape | None = None
 
     @property
     def observations(self) -> Observations:
         return self.seen.observations
 
-    @property
+    @cached_property
     def expected_rms_px(self) -> float | None:
-        """What the calibration's own noise leads to expect; None where it is not known."""
-        return expected_rms(self, self.known.calibration.get("noise_px"))
+        """What the noise of the points and the camera's own σ lead to expect; None where it is not known."""
+        known = self.known
+        variance = camera_variance(self, self.observations, known.camera, known.covariance)
+        return expected_rms(self, known.calibration.get("noise_px"), variance)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What stands out by angle, distance and view."""
-        bow = float(abs(self.known.board_warp).max()) if self.flat else 0.0
-        return evaluation_findings(self, self.observations, self.known.camera.theta_max, bow)
+        return evaluation_findings(self, self.observations, self.known.camera.theta_max)
+
+    @property
+    def board_words(self) -> str:
+        """What shape the target was given, and where that came from."""
+        if self.board is not None and self.board is self.observations.board:
+            return f"the board has the shape that its own file brings: {self.board.sentence}"
+        if self.board is not None:
+            return f"the board has the shape that the calibration measured: {self.board.sentence}"
+        if not self.flat:
+            return "the board has the bow that the calibration found"
+        known = self.known.board
+        if known is not None and known.bends and not known.same_target(self.observations.object_points):
+            return "another board than the calibration's: taken as its file has it"
+        if known is None and self.known.board_warp.any():
+            return "the board is taken as its file has it, the calibration found it bent: `board_warp` takes its bow"
+        return "the board is taken as its file has it"
 
     @property
     def verdict(self) -> Verdict:
         """Whether the camera holds on these observations, and why."""
-        return evaluation_verdict(self, self.expected_rms_px, self.findings)
+        return evaluation_verdict(self, self.expected_rms_px, self.findings, self.known.camera.image_size)
 
     def to_dict(self) -> dict[str, Any]:
         """What ``evaluate --json`` prints."""
-        return evaluation_content(self, self.observations, self.expected_rms_px, self.verdict, self.findings)
+        content = evaluation_content(self, self.observations, self.expected_rms_px, self.verdict, self.findings)
+        return {**content, "board": self.board_words}
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write one HTML page with all figures, and the images as far as they can still be read."""
@@ -74,14 +96,15 @@ class EvaluatedCamera(Evaluation):
 
         inputs = {"camera file": self.path} if self.path else {}
         inputs |= inputs_in_words(self.seen.inputs())
-        inputs["target's shape"] = "taken as flat" if self.flat else "as measured when the camera was calibrated"
+        inputs["target's shape"] = self.board_words
         inputs |= {f"calibration: {key}": str(value) for key, value in self.known.calibration.items()}
         return evaluation_report(
             self.known.name,
             self.known,
             self.observations,
             self,
-            flat=self.flat,
+            board=self.board,
+            expected_px=self.expected_rms_px,
             inputs=inputs,
             image=self.seen.image if pictures else None,
         )
@@ -126,7 +149,9 @@ def evaluate(
     found = evaluate_camera(known.camera, seen.observations, warp, disc_centers, board)
     values = {field.name: getattr(found, field.name) for field in fields(found)}
     path = str(camera) if isinstance(camera, str | PathLike) else ""
-    return EvaluatedCamera(**values, known=known, seen=seen, flat=board is None and not board_warp, path=path)
+    return EvaluatedCamera(
+        **values, known=known, seen=seen, flat=board is None and not board_warp, path=path, board=board
+    )
 
 
 def _board_for(known: CameraFile, observations: Observations) -> BoardShape | None:

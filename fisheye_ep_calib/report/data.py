@@ -142,9 +142,9 @@ class StandInLoss:
 class CameraReport:
     """One camera of a report. kind: "calibration" or "evaluation".
 
-    board: the target's shape where it is not as its file has it. unused: name of an image that is no view → why.
-    facts: label → value, the figures at the head. inputs: label → value, where everything came from. reasons: how the
-    model was chosen, a line each.
+    unused: name of an image that is no view → why. facts: label → value, the figures at the head.
+    inputs: label → value, where everything came from. reasons: how the model was chosen, a line each.
+    board: the target's shape as it was found, or as it was taken; None where nothing is known of one.
     """
 
     name: str
@@ -162,9 +162,9 @@ class CameraReport:
     uncertainty_maps: tuple[UncertaintyMap, ...] = ()
     uncertainty_table: ProjectionTable | None = None
     near_far: NearFar | None = None
-    board: BoardShape | None = None
     stand_in: StandInLoss | None = None
     rejected: tuple[Rejected, ...] = ()
     unused: dict[str, str] = field(default_factory=dict)
     reasons: tuple[str, ...] = ()
+    board: BoardShape | None = None
     inputs: dict[str, str] = field(default_factory=dict)

@@ -59,7 +59,6 @@ def calibration_report(
         uncertainty_maps=_uncertainty_maps(result, float(np.median(residuals.distance))),
         uncertainty_table=result.projection_table,
         near_far=near_far_curve(split) if split else None,
-        board=result.board if result.board.bends else None,
         stand_in=StandInLoss(result.stand_in.distance, dict(result.stand_in.loss_px)),
         rejected=rejected,
         unused={
@@ -70,6 +69,7 @@ def calibration_report(
             },
         },
         reasons=result.reasons,
+        board=result.board,
         inputs=inputs or {},
     )
 

@@ -12,7 +12,6 @@ from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 from fisheye_ep_calib.calibration.evaluation_words import (
     evaluation_findings,
     evaluation_verdict,
-    expected_rms,
     used_sightings,
 )
 from fisheye_ep_calib.report.data import (
@@ -23,6 +22,7 @@ from fisheye_ep_calib.report.geometry import coverage_of, residuals_of, views_of
 from fisheye_ep_calib.report.models import angles, lens_curve, parameters_of, pupil_curve
 from fisheye_ep_calib.report.pictures import BUDGET, with_pictures
 from fisheye_ep_calib.storage.camera_file import CameraFile
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 
 def evaluation_report(
@@ -33,11 +33,12 @@ def evaluation_report(
     *,
     inputs: dict[str, str] | None = None,
     image: Callable[[int], np.ndarray] | None = None,
-    flat: bool = True,
+    board: BoardShape | None = None,
+    expected_px: float | None = None,
 ) -> CameraReport:
     """file: the camera that was measured. observations: on which. image: of an image's number.
 
-    flat: the target was taken as flat, whatever bow the file knows of.
+    board: the shape that the target was given; None where it was taken as its file has it. expected_px: RMS.
     """
     used = used_sightings(found, observations)
     residuals = residuals_of(observations, found.images, found.camera_from_target, found.error, found.theta, used)
@@ -46,18 +47,17 @@ def evaluation_report(
     if image is not None:
         views = with_pictures(views, images, image, BUDGET)
     camera, table = file.camera, file.projection_uncertainty
-    bow = float(np.abs(file.board_warp).max()) if flat else 0.0
-    findings = evaluation_findings(found, observations, camera.theta_max, bow)
-    expected = expected_rms(found, file.calibration.get("noise_px"))
+    findings = evaluation_findings(found, observations, camera.theta_max)
     return CameraReport(
         name=name,
         kind="evaluation",
         image_size=camera.image_size,
-        verdict=evaluation_verdict(found, expected, findings),
+        verdict=evaluation_verdict(found, expected_px, findings, camera.image_size),
         findings=findings,
         facts={
             "model": camera.model,
             "RMS": f"{found.rms_px:.3f} px",
+            "expected": "–" if expected_px is None else f"{expected_px:.3f} px",
             "median": f"{found.median_px:.3f} px",
             "95 % below": f"{found.p95_px:.3f} px",
             "views": f"{len(found.images)}",
@@ -74,5 +74,6 @@ def evaluation_report(
         else None,
         stand_in=StandInLoss(file.stand_in_distance, file.stand_in_loss_px) if file.stand_in_loss_px else None,
         unused={observations.image_names[image]: reason for image, reason in found.failed.items()},
+        board=board,
         inputs=inputs or {},
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fisheye_ep_calib.calibration.words import distance_text
+from fisheye_ep_calib.calibration.words import distance_text, sentence
 from fisheye_ep_calib.report.data import CameraReport
 from fisheye_ep_calib.report.figures.board import board_figure
 from fisheye_ep_calib.report.figures.coverage import coverage_figure, distance_figure, uncertainty_figure
@@ -31,7 +31,8 @@ def panels_of(camera: CameraReport, prefix: str) -> dict[str, tuple[Panel, ...]]
     sections = {
         "The camera": _camera_panels(camera, prefix),
         "Residuals": _residual_panels(camera, prefix),
-        "What was recorded": (*_coverage_panels(camera, prefix), *_board_panels(camera, prefix)),
+        "The target": _board_panels(camera, prefix),
+        "What was recorded": _coverage_panels(camera, prefix),
         "What is left uncertain": _uncertainty_panels(camera, prefix),
     }
     return {title: panels for title, panels in sections.items() if panels}
@@ -103,6 +104,25 @@ def _residual_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
     )
 
 
+def _board_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
+    """Nothing where the target is as its file has it."""
+    board = camera.board
+    if board is None or not board.bends:
+        return ()
+    identity = f"{prefix}-board"
+    drawn, factor = board_figure(board, identity)
+    return (
+        Panel(
+            identity,
+            "The target against its file",
+            drawn,
+            f"{sentence(board.sentence)} Colours: height along the board's z axis, which on a print whose y "
+            "runs down points away from you: red lies behind the plane, blue before it. Violet arrows: by how much "
+            f"points are off within the plane, {factor:g} times its size.",
+        ),
+    )
+
+
 def _coverage_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
     coverage = camera.coverage
     missing = int(coverage.missing.sum())
@@ -123,22 +143,6 @@ def _coverage_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
             "Coverage by angle and distance",
             distance_figure(camera.residuals, f"{prefix}-depth"),
             "The pupil is told from the lens where a column at a large angle is filled over a wide range of distances.",
-        ),
-    )
-
-
-def _board_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
-    if camera.board is None:
-        return ()
-    drawn, factor = board_figure(camera.board, f"{prefix}-board")
-    told = camera.board.sentence
-    return (
-        Panel(
-            f"{prefix}-board",
-            "The board as it is",
-            drawn,
-            f"Against its file: {told}. Colour: height. Arrows: what the points are off in the plane, {factor:g} times "
-            "enlarged. The size of the whole cannot be seen.",
         ),
     )
 

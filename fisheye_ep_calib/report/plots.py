@@ -68,7 +68,7 @@ class CameraPlots:
 
     def board(self, ax: Axes | None = None) -> Axes:
         """The board as it is: height as colour, what its points are off in the plane as arrows; mm."""
-        if self._page.board is None:
+        if self._page.board is None or not self._page.board.bends:
             raise InputError("the board is as its file has it: there is no shape to draw")
         return _drawn(ax, draw_board, self._page.board)
 

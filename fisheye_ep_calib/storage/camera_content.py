@@ -42,6 +42,7 @@ def camera_content(file: CameraFile) -> dict[str, Any]:
             "loss_px": {str(key): value for key, value in file.stand_in_loss_px.items()},
         },
         "calibration": file.calibration,
+        "board": None if file.board is None else {**file.board.to_dict(), "text": file.board.sentence},
     }
 
 

@@ -108,7 +108,7 @@ def test_evaluation_of_a_wrong_camera_is_told(folder):
     wrong = folder / "wrong.yaml"
     wrong.write_text(re.sub(r"(intrinsics: \{fx: )[\d.]+", r"\g<1>600.0", camera), encoding="utf-8")
     page = folder / "wrong.html"
-    assert main(["evaluate", str(wrong), str(folder / "front.npz"), "--report", str(page)]) == 0
+    assert main(["evaluate", str(wrong), str(folder / "front.npz"), "--report", str(page)]) == 1
     assert "does not hold on this recording" in page.read_text(encoding="utf-8")
 
 

@@ -12,8 +12,10 @@ import pytest
 from matplotlib import pyplot
 
 from fisheye_ep_calib import calibrate
+from fisheye_ep_calib.report.figures.board import draw_board
 from fisheye_ep_calib.report.from_calibration import calibration_report
 from fisheye_ep_calib.report.html import report_html, write_report
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 
 class Page(HTMLParser):
@@ -130,3 +132,30 @@ def test_residuals_give_the_rms_of_the_result(report, result):
     assert np.sqrt(square.mean()) == pytest.approx(result.rms_px, rel=1e-9)
     rms = [view.rms_px for view in report.views]
     np.testing.assert_allclose(rms, result.diagnosis.view_rms_px, rtol=1e-9)
+
+
+def test_a_bent_board_is_drawn_and_a_flat_one_told_in_a_line(report):
+    points = report.board.object_points
+    assert "The target: the board is taken as its file has it." in report_html([report])
+    deviation = np.zeros_like(points)
+    deviation[:, 2] = 1e-3 * (points[:, 0] / np.abs(points[:, 0]).max()) ** 2
+    deviation[:, 0] = 3e-3 * points[:, 0]
+    page = report_html([replace(report, board=BoardShape("free", points, deviation, bent=True))])
+    assert "The target against its file" in page and "height, mm" in page and "times its size" in page
+    assert "% longer in x than in y" in page and "The target: " not in page
+
+
+def test_arrows_and_colours_of_the_board_are_its_deviation():
+    from matplotlib.collections import PathCollection
+    from matplotlib.figure import Figure
+    from matplotlib.quiver import Quiver
+
+    x, y = np.meshgrid(np.arange(4) * 0.02, np.arange(3) * 0.02)
+    points = np.stack([x.ravel(), y.ravel(), np.zeros(12)], axis=-1)
+    deviation = np.random.default_rng(1).normal(scale=1e-4, size=(12, 3))
+    axes = Figure().add_subplot()
+    factor = draw_board(axes, BoardShape("free", points, deviation))
+    arrows = next(one for one in axes.get_children() if isinstance(one, Quiver))
+    np.testing.assert_allclose(np.stack([arrows.U, arrows.V], -1), factor * 1e3 * deviation[:, :2])
+    dots = next(one for one in axes.get_children() if isinstance(one, PathCollection))
+    np.testing.assert_allclose(dots.get_array(), 1e3 * (deviation[:, 2] - deviation[:, 2].mean()))

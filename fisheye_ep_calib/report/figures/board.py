@@ -1,43 +1,65 @@
-"""The board as it is: its height as colour, what its points are off in the plane as arrows."""
+"""Figure of the target: by how much its points depart from its file. Drawn on axes; ``…_figure`` makes an SVG of it."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
 
 from fisheye_ep_calib.report.figures.residuals import magnification
-from fisheye_ep_calib.report.figures.style import INK, svg
+from fisheye_ep_calib.report.figures.style import INK, SERIES, svg
 from fisheye_ep_calib.target.shape.measured import BoardShape
 
-_HEIGHTS = "RdBu_r"
-_LEAST_MM = 1e-3  # of the scale of heights
-_AREA = 26000.0  # of all points together, in square points of print
+HEIGHT_MAP = "RdYlBu_r"
+_LEAST_HEIGHT_MM = 1e-3  # what the colours span at least
 
 
 def draw_board(axes: Axes, board: BoardShape) -> float:
-    """Draw it in millimetres as one looks at the target file's x and y; returns the arrows' magnification."""
+    """Heights as colours, in-plane deviations as arrows, both mm; returns by how much the arrows are enlarged.
+
+    x and y are the board's own axes, y down as on most prints; a height is along the normal, x × y.
+    """
     place = 1e3 * board.frame.local(board.object_points)[:, :2]
-    off = 1e3 * board.in_board_axes
-    scale = max(float(np.abs(off[:, 2]).max()), _LEAST_MM)
-    size = float(np.clip(_AREA / len(place), 8.0, 260.0))
-    x, y = place.T
-    dots = axes.scatter(x, y, c=off[:, 2], s=size, cmap=_HEIGHTS, vmin=-scale, vmax=scale, linewidths=0)
-    factor = magnification(np.hypot(off[:, 0], off[:, 1]), float(np.ptp(place, axis=0).max()) / 12)
-    axes.quiver(x, y, *(factor * off[:, :2]).T, angles="xy", scale_units="xy", scale=1, width=0.003, color=INK)
-    axes.set(xlabel="x, mm", ylabel="y, mm", aspect="equal")
-    axes.invert_yaxis()
-    axes.margins(0.08)
-    axes.grid(False)
-    axes.figure.colorbar(dots, ax=axes, label="height, mm", shrink=0.8)
+    moved = 1e3 * board.in_board_axes
+    height = moved[:, 2] - moved[:, 2].mean()
+    reach = max(float(np.abs(height).max()), _LEAST_HEIGHT_MM)
+    colours: dict[str, Any] = {"cmap": HEIGHT_MAP, "vmin": -reach, "vmax": reach}
+    size = max(float(np.ptp(place, axis=0).max()), 1e-9)
+    if board.frame.planar and len(place) > 3 and np.ptp(place, axis=0).min() > 1e-3 * size:
+        axes.tripcolor(place[:, 0], place[:, 1], height, shading="gouraud", rasterized=True, **colours)
+    points = axes.scatter(place[:, 0], place[:, 1], c=height, s=14, edgecolors=INK, linewidths=0.4, zorder=2, **colours)
+    factor = magnification(np.linalg.norm(moved[:, :2], axis=1), size / 18)
+    axes.quiver(
+        *place.T,
+        *(factor * moved[:, :2]).T,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        width=0.005,
+        color=SERIES[3],
+        zorder=3,
+    )
+    bar = axes.figure.colorbar(points, ax=axes, shrink=0.85)
+    bar.set_label("height, mm")
+    bar.outline.set_visible(False)
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2g}".replace("-", "−")))
+    margin = 0.08 * size
+    axes.set(
+        xlabel="x on the board, mm",
+        ylabel="y on the board, mm",
+        aspect="equal",
+        xlim=(place[:, 0].min() - margin, place[:, 0].max() + margin),
+        ylim=(place[:, 1].max() + margin, place[:, 1].min() - margin),
+    )
     return factor
 
 
 def board_figure(board: BoardShape, identity: str) -> tuple[str, float]:
-    """The SVG, and the arrows' magnification."""
+    """The SVG, and by how much its arrows are enlarged."""
     factors: list[float] = []
     extent = np.ptp(board.frame.local(board.object_points)[:, :2], axis=0)
-    tall = float(np.clip(extent[1] / max(extent[0], 1e-12), 0.4, 1.3))
-    drawn = svg(
-        lambda figure: factors.append(draw_board(figure.add_subplot(), board)), identity, (4.6, 0.7 + 3.6 * tall)
-    )
+    height = 0.7 + 3.3 * float(np.clip(extent[1] / max(extent[0], 1e-12), 0.4, 1.3))
+    drawn = svg(lambda figure: factors.append(draw_board(figure.add_subplot(), board)), identity, (4.6, height))
     return drawn, factors[0]
