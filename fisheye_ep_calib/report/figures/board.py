@@ -23,7 +23,7 @@ def draw_board(axes: Axes, board: BoardShape) -> float:
     """
     place = 1e3 * board.frame.local(board.object_points)[:, :2]
     moved = 1e3 * board.in_board_axes
-    height = moved[:, 2] - moved[:, 2].mean()
+    height = moved[:, 2]
     reach = max(float(np.abs(height).max()), _LEAST_HEIGHT_MM)
     colours: dict[str, Any] = {"cmap": HEIGHT_MAP, "vmin": -reach, "vmax": reach}
     size = max(float(np.ptp(place, axis=0).max()), 1e-9)
