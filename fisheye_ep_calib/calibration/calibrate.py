@@ -13,7 +13,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.assessing.refusal import why_undetermined, why_unusable
 from fisheye_ep_calib.calibration.assessing.uncertainty import independent_covariance, uncertainty
 from fisheye_ep_calib.calibration.estimating.adjustment import adjust
-from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, Sightings, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER
@@ -218,13 +218,15 @@ def _first_fit_of_places(
     observations: Observations, settings: Options, base: Structure
 ) -> tuple[Fit, dict[int, tuple[int, ...]]]:
     """A first fit to views that are independent, and which images each of them stands for (independent_views.py)."""
+    _refuse_alike_views(observations)
     different = without_copies(observations)
+    _refuse_few_places(observations.view_count, different.observations.view_count)
     sightings = prepare(different.observations, settings.disc_centers)
-    _refuse_alike_views(sightings)
     _refuse_warp_of_solid(sightings, base)
     start = first_fit(sightings, base.lens)
     resting = without_resting_views(start)
     if resting.images:
+        _refuse_few_places(observations.view_count, resting.observations.view_count)
         start = refine(start, start.structure, prepare(resting.observations, settings.disc_centers))
     return start, _together(different.images, resting.images)
 
@@ -317,17 +319,26 @@ def _refuse_warp_of_solid(sightings: Sightings, base: Structure) -> None:
         raise CalibrationError("a board warp needs a flat target; this one has depth: leave `board_warp` away")
 
 
-def _refuse_alike_views(sightings: Sightings) -> None:
+def _refuse_alike_views(observations: Observations) -> None:
     """Refuse a set in which every view shows the target at the same place."""
-    observations = sightings.observations
+    views = observations.view_count
     order = np.argsort(observations.point_index, kind="stable")
     pixels = observations.pixels[order]
     starts = np.flatnonzero(np.diff(observations.point_index[order], prepend=-1))
     spread = float((np.maximum.reduceat(pixels, starts) - np.minimum.reduceat(pixels, starts)).max())
-    if spread < 0.01 * max(observations.image_size):
+    if views >= MIN_VIEWS and spread < 0.01 * max(observations.image_size):
         raise CalibrationError(
-            f"all {len(sightings.images)} views are alike (no point moves more than {spread:.1f} px): "
+            f"all {views} views are alike (no point moves more than {spread:.1f} px): "
             "move and tilt the target, near and far, and out to the edge of the image"
+        )
+
+
+def _refuse_few_places(images: int, places: int) -> None:
+    """Refuse a set of enough images that show too few places."""
+    if images >= MIN_VIEWS > places:
+        raise CalibrationError(
+            f"{images} images show {places} places, and at least {MIN_VIEWS} are needed: copies, and images of a board "
+            "at rest, count as one view each; move and tilt the target between images"
         )
 
 

@@ -19,7 +19,12 @@ MODULES = sorted(
     for path in PACKAGE.rglob("*.py")
 )
 CORE = [module for module in MODULES if not module.startswith("fisheye_ep_calib.ros")]
-ROS = [module for module in MODULES if module.startswith("fisheye_ep_calib.ros")]
+HAS_LAUNCH = importlib.util.find_spec("launch_ros") is not None  # not on PyPI
+ROS = [
+    module
+    for module in MODULES
+    if module.startswith("fisheye_ep_calib.ros") and (HAS_LAUNCH or not module.endswith(".launching"))
+]
 
 # Libraries are loaded before the first look: what they do to the process is theirs.
 CHANGES = """

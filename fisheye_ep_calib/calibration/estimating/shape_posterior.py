@@ -6,7 +6,6 @@ The poses are eliminated once for all variances; where the points are (shape_equ
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
 
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
 from fisheye_ep_calib.calibration.estimating.shape_equations import block_system
@@ -139,6 +138,8 @@ class Linearisation:
 
 def inverse_and_log_determinant(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     """Inverse and log-determinant of a symmetric positive definite matrix, its diagonal scaled to one meanwhile."""
+    from scipy.linalg import lapack  # half a second that a command's --help need not wait for
+
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     factor, failed = lapack.dpotrf(matrix * scale[:, None] * scale, lower=1)
     if failed:

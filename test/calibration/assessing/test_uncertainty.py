@@ -11,7 +11,7 @@ from known_scenes import BOARD, CAMERA, poses_of, seen, seen_board
 from fisheye_ep_calib.calibration import Observations, calibrate
 from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
 from fisheye_ep_calib.camera.bands import pupil_sigma, radius_sigma
-from fisheye_ep_calib.rotation import rotation_from_vector
+from fisheye_ep_calib.rotation import moved_poses, rotation_from_vector
 
 pytestmark = pytest.mark.filterwarnings("error")
 THETA = np.radians([30, 60, 80])
@@ -27,10 +27,14 @@ def draws(count: int, **options):
 
 
 def test_sigma_is_the_noise_and_halves_with_four_times_the_views() -> None:
+    """Four times as much of the same kind; the same place again would be no view of its own."""
+    step = np.random.default_rng(5).normal(0, 0.02, (4, len(poses_of()), 6)) * [1, 1, 1, 0.1, 0.1, 0.1]
+    poses = np.concatenate([moved_poses(poses_of(), each) for each in step])
     results = [
-        calibrate(seen(CAMERA, BOARD.object_points, np.tile(poses_of(), (times, 1, 1)), NOISE), "ep_even")
+        calibrate(seen(CAMERA, BOARD.object_points, poses[: times * len(poses_of())], NOISE), "ep_even")
         for times in (1, 4)
     ]
+    assert results[1].views == len(poses)
     for result in results:
         assert result.uncertainty.sigma_px == pytest.approx(NOISE, rel=0.05)
     once, four_times = (np.sqrt(np.diag(result.uncertainty.covariance)) for result in results)
