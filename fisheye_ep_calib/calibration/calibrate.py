@@ -33,6 +33,7 @@ from fisheye_ep_calib.calibration.selecting.outliers import (
 from fisheye_ep_calib.calibration.selecting.shape_choice import shape_predicts
 from fisheye_ep_calib.calibration.structure import LENS, Structure
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.target.registry import load_shape
 from fisheye_ep_calib.target.shape.faces import faces_of
@@ -62,6 +63,9 @@ class Options:
     estimated (view_effects.py).
     svp_distance: metres, for which the single-viewpoint stand-in is fitted.
     force: give back a camera that is refused for what its views leave open, with the reason in ``refused``.
+
+    An extra that is asked for is estimated; but ``lens_field``, which passes what is wrong with a view for the lens,
+    "auto" takes only where folds over views are predicted better with it.
     """
 
     terms: int | None = None
@@ -265,7 +269,8 @@ def _with_shape(
 
 def base_structure(settings: Options, model: str) -> Structure:
     """What the user has fixed. Raises InputError where there is no such model, lens or number of terms."""
-    extras = tuple(name for name in LENS_EXTRAS if settings.extras.get(name))
+    tried = (LENS_FIELD.name,) if model == AUTO else ()
+    extras = tuple(name for name in LENS_EXTRAS if settings.extras.get(name) and name not in tried)
     return Structure(
         {AUTO: "ep_even", PRINTED_FORM: "ep_odd"}.get(model, model),
         settings.terms,
@@ -310,7 +315,10 @@ def _open_questions(settings: Options) -> Search:
     return Search(
         skew=settings.skew is None,
         lens=settings.lens is None,
-        extras=tuple(name for name in ("tangential", "tilt") if settings.extras.get(name) is None),
+        extras=(
+            *(name for name in ("tangential", "tilt") if settings.extras.get(name) is None),
+            *((LENS_FIELD.name,) if settings.extras.get(LENS_FIELD.name) else ()),
+        ),
     )
 
 

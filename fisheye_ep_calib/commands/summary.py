@@ -23,6 +23,8 @@ def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
     if result.board.bends:
         lines.append(f"  the board: {result.board.sentence}")
     lines.append(f"  {pupil_sentence(result)}")
+    if result.error_budget:
+        lines.append(f"  {result.error_budget.sentence}")
     lines += [f"  {'!' if one.concern else '·'} {one.title}: {one.sentence}" for one in result.diagnosis.findings]
     lines.append(f"  {loss_sentence(result)}")
     return "\n".join(lines)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import changing_boards
 import numpy as np
 import pytest
 from changing_boards import seen_changing
@@ -36,3 +39,12 @@ def test_where_nothing_differs_nothing_is_estimated() -> None:
     result = calibrate(observations, "ep_even", flex=True, rolling_shutter=True)
     assert result.fit.problem.effects is None
     assert result.rms_px == pytest.approx(calibrate(observations, "ep_even").rms_px, rel=1e-6)
+
+
+@pytest.mark.parametrize("amount", [0.0, 1.0])
+def test_auto_takes_a_lens_field_where_there_is_one(amount, monkeypatch) -> None:
+    field = tuple(np.random.default_rng(5).normal(0, 1.0, 28) * amount)
+    monkeypatch.setattr(changing_boards, "CAMERA", replace(CAMERA, extras={"lens_field": field}))
+    result = calibrate(seen_changing(views=16), lens_field=True, board_shape="flat")
+    assert ("lens_field" in result.camera.extras) == (amount > 0)
+    assert any(reason.startswith("lens_field") for reason in result.reasons)
