@@ -47,8 +47,10 @@ class Scene:
         free = structure.free(self.camera)
         # The edge of a disc may lie a little beyond theta_max.
         limit = min(self.camera.theta_max + 0.1, np.pi)
-        problem = AdjustmentProblem(sightings.blocks, sightings.features, free, theta_limit=limit)
-        equations = evaluate(problem, AdjustmentState(self.camera, self.poses[sightings.images]))
+        problem = AdjustmentProblem(sightings.blocks, sightings.features, free, sightings.target, theta_limit=limit)
+        equations = evaluate(
+            problem, AdjustmentState(self.camera, self.poses[sightings.images], sightings.target.start())
+        )
         assert equations.valid
         information = reduced_information(equations)
         scale = 1 / np.sqrt(np.diag(information))

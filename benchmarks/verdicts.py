@@ -21,6 +21,7 @@ from monte_carlo import markdown, spread_over
 
 from fisheye_ep_calib import CalibrationResult, Observations, calibrate
 from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
+from fisheye_ep_calib.calibration.selecting.pupil_verdict import DOUBTFUL, SUPPORTED
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target
 
@@ -35,14 +36,14 @@ PUPIL = np.array([-0.6e-3, -0.1e-3])  # E(80°) = −1.55 mm
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
-def one_draw(task: tuple[float, float, int]) -> tuple[bool, str]:
+def one_draw(task: tuple[float, float, int]) -> tuple[str, str]:
     """Verdict and chosen model for a pupil of a size in a lens with a k6."""
     size, bend, seed = task
     camera = replace(paper_camera(), model="ep_even", coefficients=tuple((size * PUPIL).tolist()))
     camera = replace(camera, lens="kannala_brandt_6", radial=(*camera.radial, 0.0, bend))
     target = replace(paper_target(), disc_radius=None)
     result = calibrate(observe(camera, target, paper_poses(target, seed), NOISE, seed))
-    return result.entrance_pupil_supported, f"{result.model}{', 6 terms' * (result.camera.lens == camera.lens)}"
+    return result.pupil_verdict.answer, f"{result.model}{', 6 terms' * (result.camera.lens == camera.lens)}"
 
 
 def synthetic_table(sizes: Sequence[float], bend: float, draws: int, workers: int) -> str:
@@ -54,18 +55,18 @@ def synthetic_table(sizes: Sequence[float], bend: float, draws: int, workers: in
         rows.append(
             (
                 f"{1e3 * edge:.2f}",
-                f"{sum(supported for supported, _ in verdicts)} of {draws}",
+                *(f"{sum(found == answer for found, _ in verdicts)} of {draws}" for answer in (SUPPORTED, DOUBTFUL)),
                 "; ".join(f"{model}: {models.count(model)}" for model in sorted(set(models))),
             )
         )
-    return markdown(("E(80°), mm", "supported", "chosen"), rows)
+    return markdown(("E(80°), mm", SUPPORTED, DOUBTFUL, "chosen"), rows)
 
 
 def additions(result: CalibrationResult) -> str:
     """What ``auto`` estimates beside focal length, centre, lens and pupil."""
     structure = result.fit.structure
     names = ["skew"] * structure.skew + list(structure.extras)
-    if structure.board_warp:
+    if np.any(result.board_warp):
         names.append(f"board bow {1e3 * np.abs(result.board_warp).max():.2f} mm")
     return ", ".join(names) or "nothing"
 
@@ -84,7 +85,7 @@ def real_table(results: dict[str, CalibrationResult]) -> str:
             f"{result.comparison[model].rms_px:.4f} / {result.comparison[model].cross_validated_rms_px:.4f}"
             for model in MODELS
         ]
-        verdict = "yes" if result.entrance_pupil_supported else "no"
+        verdict = result.pupil_verdict.answer
         rows.append((name, *cells, additions(result), result.model, verdict))
     return markdown(("data", *MODELS, "added", "chosen", "pupil supported"), rows)
 

@@ -61,7 +61,9 @@ def test_calibrate_says_all_that_the_contract_names_on_stdout_alone(observation_
     assert camera["seconds"].keys() >= {"read", "detect", "initialize", "adjust"}
     assert all(type(value) is float and value >= 0 for value in camera["seconds"].values())
     assert camera["comparison"].keys() == FAMILIES
-    assert camera["entrance_pupil"] == ("supported" if camera["entrance_pupil_supported"] else "not distinguishable")
+    assert camera["entrance_pupil"] in ("supported", "doubtful", "not distinguishable")
+    assert (camera["entrance_pupil"] == "supported") is camera["entrance_pupil_supported"]
+    assert camera["pupil_verdict"]["answer"] == camera["entrance_pupil"] and camera["refused"] is None
     assert camera["board"].keys() >= {"shape", "bent", "height_rms_mm"} and camera["board"]["shape"] in ("flat", "bow")
     names = {finding["name"]: finding for finding in camera["findings"]}
     assert names.keys() >= {"coverage", "depth", "near_far", "worst_view", "few_views"}
