@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -82,7 +83,7 @@ class Options:
     extras: Mapping[str, bool | None] = field(default_factory=dict)
 
     @staticmethod
-    def of(**given) -> Options:
+    def of(**given: Any) -> Options:
         """From keywords; the name of a lens extra is one too, such as ``tangential=True``."""
         extras = {name: given.pop(name) for name in LENS_EXTRAS if name in given}
         shape = given.get("board_shape")
@@ -102,7 +103,7 @@ class Options:
             raise InputError(f"`svp_distance` must be positive, not {self.svp_distance:g} m")
 
 
-def calibrate(observations: Observations, model: str = AUTO, **options) -> CalibrationResult:
+def calibrate(observations: Observations, model: str = AUTO, **options: Any) -> CalibrationResult:
     """Calibrate a camera. options: those of ``Options.of``. Raises CalibrationError, InputError.
 
     A named model is fitted as it is, skew included and the board flat, and nothing else: what judges it is worked out
@@ -149,7 +150,7 @@ class RoughCamera:
     seconds: dict[str, float]
 
 
-def rough_camera(observations: Observations, model: str = AUTO, **options) -> RoughCamera:
+def rough_camera(observations: Observations, model: str = AUTO, **options: Any) -> RoughCamera:
     """What a second look at the images needs of a first calibration: camera and poses, and nothing chosen or judged.
 
     Takes the arguments of ``calibrate``. The camera is the named model, or for "auto" one with an even pupil; wrong

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
+from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.result import CalibrationResult
 
 # What ``diagnosis`` calls a finding that has another title now; kept for one version.

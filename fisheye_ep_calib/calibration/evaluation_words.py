@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import BoolArray
 from fisheye_ep_calib.calibration.assessing.coverage import azimuth_and_distance
-from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation
+from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.content import findings_content
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.words import BAD, CAUTION, GOOD, Verdict, sentence
@@ -110,7 +111,10 @@ def evaluation_findings(found: Evaluation, observations: Observations, theta_max
 
 def used_sightings(found: Evaluation, observations: Observations) -> np.ndarray:
     """(M,) bool: the observations that were measured."""
-    return np.isfinite(found.error[:, 0]) & (observations.weights > 0) & np.isin(observations.image_index, found.images)
+    used: BoolArray = (
+        np.isfinite(found.error[:, 0]) & (observations.weights > 0) & np.isin(observations.image_index, found.images)
+    )
+    return used
 
 
 def worst_views(found: Evaluation, observations: Observations, most: int = _WORST) -> dict[str, float]:

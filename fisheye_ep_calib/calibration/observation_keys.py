@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.target.shape.measured import BoardShape
@@ -60,7 +61,7 @@ def _board(deviation: np.ndarray | None, object_points: np.ndarray, metres: floa
     return BoardShape(FREE, object_points, rows)
 
 
-def whole_numbers(name: str, values) -> np.ndarray:
+def whole_numbers(name: str, values: npt.ArrayLike) -> np.ndarray:
     """Whole numbers, int64, of the shape of the values. Raises InputError."""
     try:
         numbers = np.array(values, dtype=float)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from os import PathLike
 
 import numpy as np
+import numpy.typing as npt
 
 from fisheye_ep_calib.calibration.observation_keys import OPTIONAL, REQUIRED, checked_keys, whole_numbers
 from fisheye_ep_calib.errors import InputError
@@ -43,14 +45,14 @@ class Observations:
 
     @staticmethod
     def create(
-        object_points,
-        image_index,
-        point_index,
-        pixels,
-        image_size,
-        weights=None,
-        image_names=None,
-        split=None,
+        object_points: npt.ArrayLike,
+        image_index: npt.ArrayLike,
+        point_index: npt.ArrayLike,
+        pixels: npt.ArrayLike,
+        image_size: npt.ArrayLike,
+        weights: npt.ArrayLike | None = None,
+        image_names: Iterable[object] | None = None,
+        split: Iterable[object] | None = None,
         disc_radius: float | None = None,
         board: BoardShape | None = None,
     ) -> Observations:
@@ -93,7 +95,7 @@ class Observations:
         )
 
     @staticmethod
-    def load(path: str | PathLike) -> Observations:
+    def load(path: str | PathLike[str]) -> Observations:
         """Read an observation file (.npz); lengths become metres. Raises InputError with the path and what is wrong."""
         arrays = read_npz(path, REQUIRED, OPTIONAL, "an observation file")
         try:
@@ -124,7 +126,9 @@ class Observations:
         )
 
 
-def _check_shapes(object_points, image_index, point_index, pixels) -> None:
+def _check_shapes(
+    object_points: np.ndarray, image_index: np.ndarray, point_index: np.ndarray, pixels: np.ndarray
+) -> None:
     """Refuse arrays that are not of one length, that are empty, not finite, or name points that are not there."""
     count = len(image_index)
     if object_points.ndim != 2 or object_points.shape[1] != 3 or not np.isfinite(object_points).all():
@@ -142,7 +146,7 @@ def _check_shapes(object_points, image_index, point_index, pixels) -> None:
         raise InputError("image_index must not be negative")
 
 
-def _checked_size(image_size) -> tuple[int, int]:
+def _checked_size(image_size: npt.ArrayLike) -> tuple[int, int]:
     size = whole_numbers("image_size", image_size).reshape(-1)
     if len(size) != 2 or (size <= 0).any():
         raise InputError("image_size must be positive: width and height in pixels")
@@ -156,7 +160,7 @@ def _check_inside(pixels: np.ndarray, image_index: np.ndarray, size: tuple[int, 
         raise InputError(f"observation {bad} (image {image_index[bad]}) lies outside the {size[0]}×{size[1]} image")
 
 
-def _checked_names(names, images: int) -> tuple[str, ...]:
+def _checked_names(names: Iterable[object] | None, images: int) -> tuple[str, ...]:
     """One name an image: those given, or the images' numbers."""
     if names is None:
         if images > _MOST_IMAGES:

@@ -66,7 +66,7 @@ class Structure:
         lens = len(LENSES[self.lens].coefficient_names)
         return 4 + self.skew + lens + extras + self.pupil_terms + len(WARP_NAMES) * (self.board_shape == BOW)
 
-    def camera(self, image_size, focal_lengths: np.ndarray, centre: np.ndarray) -> FisheyeCamera:
+    def camera(self, image_size: tuple[int, int], focal_lengths: np.ndarray, centre: np.ndarray) -> FisheyeCamera:
         """The camera to start from: no pupil shift, no skew, no extras at work. focal_lengths, centre (2,): px."""
         return FisheyeCamera(
             image_size,

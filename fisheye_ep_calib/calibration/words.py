@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
+from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 from fisheye_ep_calib.calibration.result import CalibrationResult
 from fisheye_ep_calib.calibration.selecting.pupil_verdict import DOUBTFUL, FEWEST_VIEWS, NOT_DISTINGUISHABLE

@@ -127,12 +127,14 @@ class DetectionRun:
         views = self.views
         if not views:
             raise self._nothing_found()
+        size = views[0].image_size
+        assert size is not None  # of every image that was read
         return Observations.create(
             object_points=object_points,
             image_index=np.concatenate([np.full(len(view.detection), i) for i, view in enumerate(views)]),
             point_index=np.concatenate([view.detection.point_index for view in views]),
             pixels=np.concatenate([view.detection.pixels for view in views]),
-            image_size=views[0].image_size,
+            image_size=size,
             image_names=[view.name for view in views],
             disc_radius=disc_radius,
         )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
-from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
+from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.calibrate import AUTO
 from fisheye_ep_calib.calibration.content import calibration_content
 from fisheye_ep_calib.calibration.words import Verdict, calibration_verdict

@@ -8,8 +8,8 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from fisheye_ep_calib.calibration import Observations
-from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
 from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation, evaluate_camera
+from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.evaluation_words import (
     camera_variance,
     evaluation_content,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from html import escape
 
-from fisheye_ep_calib.calibration.assessing.diagnosis import Finding
+from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.words import Verdict, sentence
 
 

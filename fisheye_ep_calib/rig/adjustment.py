@@ -13,12 +13,13 @@ The moments' poses are eliminated as the views' are in a single camera's adjustm
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import Minimum, minimise
-from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
+from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations, Step
 from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, Prediction, predict
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
@@ -132,7 +133,9 @@ def rig_residuals(problem: RigProblem, state: RigState) -> list[np.ndarray]:
     return results
 
 
-def _predictions(problem: RigProblem, state: RigState, camera: int, jacobian: bool = False):
+def _predictions(
+    problem: RigProblem, state: RigState, camera: int, jacobian: bool = False
+) -> Iterator[tuple[ViewBlock, np.ndarray, Prediction]]:
     """Each block of a camera with its views' moments and what is predicted for it."""
     views, model = problem.views[camera], state.cameras[camera]
     surface = problem.shape.surface(ShapeState(state.board_warp))
@@ -183,7 +186,7 @@ def _system(
     return np.concatenate(parts, axis=1)
 
 
-def _stepped(problem: RigProblem, state: RigState, step) -> RigState | None:
+def _stepped(problem: RigProblem, state: RigState, step: Step) -> RigState | None:
     if not (np.isfinite(step.pose).all() and np.isfinite(step.shared).all()):
         return None
     poses = state.camera_from_reference.copy()

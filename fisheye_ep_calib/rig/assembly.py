@@ -144,14 +144,21 @@ def _not_joined(
     )
 
 
-def _with_one_name_a_point(cameras, moments, symmetries, pairs, chains: Chains, least: int) -> Assembly:
+def _with_one_name_a_point(
+    cameras: Sequence[CameraPoses],
+    moments: np.ndarray,
+    symmetries: Sequence[Symmetry],
+    pairs: dict[tuple[int, int], PairPose],
+    chains: Chains,
+    least: int,
+) -> Assembly:
     """Choose each view's symmetry such that all cameras of a moment mean the same point by the same name."""
     points = cameras[0].observations.object_points
     reference_from_camera = np.linalg.inv(chains.camera_from_reference)
     point_index = [camera.observations.point_index.copy() for camera in cameras]
     kept, poses, left_out = [], [], []
     for moment in moments:
-        seeing = np.flatnonzero(moment >= 0)
+        seeing = np.flatnonzero(moment >= 0).tolist()
         if len(seeing) < least:
             continue
         base = max(seeing, key=lambda c: cameras[c].points[moment[c]])
@@ -163,7 +170,7 @@ def _with_one_name_a_point(cameras, moments, symmetries, pairs, chains: Chains, 
             which, off = best_symmetry(expected, cameras[c].camera_from_target[image], symmetries, points)
             if off > _DISAGREES:
                 row[c] = -1
-                left_out.append((int(c), image))
+                left_out.append((c, image))
                 continue
             rows = cameras[c].observations.image_index == image
             point_index[c][rows] = symmetries[which].relabelled(point_index[c][rows])

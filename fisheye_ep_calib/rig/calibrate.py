@@ -117,7 +117,9 @@ def _said_of_clocks(names: Sequence[str], clocks: Sequence[int | None]) -> str:
     return f" With {', '.join(ahead)} they agree (--time-offset auto, find_clocks)" if ahead else ""
 
 
-def _fit(cameras: Sequence[RigCamera], assembly: Assembly, bow: np.ndarray, free_cameras: bool, warp_free: bool):
+def _fit(
+    cameras: Sequence[RigCamera], assembly: Assembly, bow: np.ndarray, free_cameras: bool, warp_free: bool
+) -> tuple[Minimum[RigState], Assembly, RigProblem, tuple[tuple[int, int], ...]]:
     """The adjusted rig, and what it was adjusted to once views that contradict the others were left out."""
     names = [one.name for one in cameras]
     refuse_contradictions(assembly, names)
@@ -224,7 +226,9 @@ def _loss(problem: RigProblem, state: RigState, kind: str) -> Loss:
     return Loss(kind, (2.0 if kind == "cauchy" else _HUBER) * _spread(problem, state))
 
 
-def _without_wrong_views(assembly: Assembly, problem: RigProblem, state: RigState, least: int):
+def _without_wrong_views(
+    assembly: Assembly, problem: RigProblem, state: RigState, least: int
+) -> tuple[Assembly, RigState, tuple[tuple[int, int], ...]]:
     """Leave out views whose points are all off: the target had moved, or it was not the target."""
     limit = _WRONG_VIEW * _spread(problem, state)
     moments, wrong = assembly.moments.copy(), []
@@ -251,7 +255,7 @@ def _result(
     problem: RigProblem,
     found: Minimum[RigState],
     wrong: tuple[tuple[int, int], ...],
-    covariances,
+    covariances: Sequence[np.ndarray | None] | None,
     clock_offsets_ns: tuple[int, ...],
 ) -> RigCalibration:
     state = found.state

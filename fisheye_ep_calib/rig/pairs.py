@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.rig.symmetry import Symmetry
 
 WORST_DISAGREEMENT = 0.2  # of the distance to the target: poses that differ by more agree on nothing
@@ -68,15 +69,19 @@ def best_symmetry(
     return best, float(off[best])
 
 
-def _disagreement(a_from_b: np.ndarray, turned: np.ndarray, b_from_target: np.ndarray, points) -> np.ndarray:
+def _disagreement(
+    a_from_b: np.ndarray, turned: np.ndarray, b_from_target: np.ndarray, points: np.ndarray
+) -> np.ndarray:
     """How far each view (V,) is off, by its best symmetry; turned (V, G, 4, 4)."""
-    return _relative_distance(turned, (a_from_b @ b_from_target)[:, None], points).min(axis=1)
+    nearest: FloatArray = _relative_distance(turned, (a_from_b @ b_from_target)[:, None], points).min(axis=1)
+    return nearest
 
 
 def _apart(candidates: np.ndarray, chosen: np.ndarray, b_from_target: np.ndarray, points: np.ndarray) -> np.ndarray:
     """How far candidates (K, 4, 4) put the boards from where the chosen one puts them (K,), at the median."""
     distance = _relative_distance(candidates[:, None] @ b_from_target, chosen @ b_from_target, points)
-    return np.median(distance, axis=1)
+    middle: FloatArray = np.median(distance, axis=1)
+    return middle
 
 
 def _relative_distance(one: np.ndarray, other: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -88,4 +93,5 @@ def _relative_distance(one: np.ndarray, other: np.ndarray, points: np.ndarray) -
     # Mean of |turn p + shift|² over the points: the middle's part and that of the spread around it.
     square = (shift**2).sum(axis=-1) + np.einsum("...ij,jk,...ik->...", turn, spread, turn)
     place = 0.5 * (one + other)[..., :3, 3] + 0.5 * (one + other)[..., :3, :3] @ middle
-    return np.sqrt(np.maximum(square, 0)) / np.maximum(np.linalg.norm(place, axis=-1), 1e-9)
+    relative: FloatArray = np.sqrt(np.maximum(square, 0)) / np.maximum(np.linalg.norm(place, axis=-1), 1e-9)
+    return relative

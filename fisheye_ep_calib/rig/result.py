@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.camera import FisheyeCamera
 
 
@@ -36,8 +37,8 @@ class RigCalibration:
 
     names: tuple[str, ...]
     cameras: tuple[FisheyeCamera, ...]
-    reference_from_camera: np.ndarray
-    covariance: np.ndarray
+    reference_from_camera: FloatArray
+    covariance: FloatArray
     paths: tuple[tuple[int, ...], ...]
     pairs: tuple[RigPair, ...]
     moments: int
@@ -52,19 +53,22 @@ class RigCalibration:
     @property
     def rotation_sigma(self) -> np.ndarray:
         """1σ (C, 3) of each camera's orientation about the reference's axes, rad."""
-        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2)[:, :3], 0))
+        sigma: FloatArray = np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2)[:, :3], 0))
+        return sigma
 
     @property
     def position_sigma(self) -> np.ndarray:
         """1σ (C, 3) of each camera's position, metres."""
-        return np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2)[:, 3:], 0))
+        sigma: FloatArray = np.sqrt(np.maximum(np.diagonal(self.covariance, axis1=1, axis2=2)[:, 3:], 0))
+        return sigma
 
     @property
     def quaternion_xyzw(self) -> np.ndarray:
         """Each camera's orientation (C, 4) in the reference's frame, w ≥ 0, as tf has it."""
         from scipy.spatial.transform import Rotation
 
-        return Rotation.from_matrix(self.reference_from_camera[:, :3, :3]).as_quat(canonical=True)
+        quaternions: FloatArray = Rotation.from_matrix(self.reference_from_camera[:, :3, :3]).as_quat(canonical=True)
+        return quaternions
 
     def to_dict(self) -> dict[str, Any]:
         """What was found, JSON-ready: metres, rad, pixels; cameras by name."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import IntArray
 from fisheye_ep_calib.target.shape.frame import board_frame
 
 _SAME = 1e-3  # of the distance of nearest neighbours
@@ -26,7 +27,8 @@ class Symmetry:
 
         Where points are called so, the pose that was found, times ``motion``, is the true one.
         """
-        return np.argsort(self.becomes)[point_index]
+        true_index: IntArray = np.argsort(self.becomes)[point_index]
+        return true_index
 
 
 def no_symmetry(object_points: np.ndarray) -> tuple[Symmetry, ...]:

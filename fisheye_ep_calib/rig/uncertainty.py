@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information, solve_scaled
+from fisheye_ep_calib.arrays import FloatArray
+from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
+from fisheye_ep_calib.calibration.estimating.shape_equations import solve_scaled
 from fisheye_ep_calib.rig.adjustment import RigProblem, RigState, evaluate_rig
 from fisheye_ep_calib.rotation import motion_jacobian
 
@@ -47,7 +49,8 @@ def pose_covariance(
         sensitivity = -inverse @ information[np.ix_(estimated, fixed)]
         covariance = covariance + sensitivity @ block_diag(*covariances) @ sensitivity.T
     poses = covariance[: problem.pose_size, : problem.pose_size]
-    return 0.5 * (poses + poses.T)
+    symmetric: FloatArray = 0.5 * (poses + poses.T)
+    return symmetric
 
 
 def of_inverse(camera_from_reference: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -59,4 +62,5 @@ def of_inverse(camera_from_reference: np.ndarray, covariance: np.ndarray) -> np.
     jacobian = np.zeros((6, 6))
     jacobian[:3, :3] = jacobian[3:, 3:] = -turn
     jacobian[3:, :3] = turn @ motion_jacobian(shift)[:, :3]
-    return jacobian @ covariance @ jacobian.T
+    moved: FloatArray = jacobian @ covariance @ jacobian.T
+    return moved

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rotation import motion_jacobian, rotation_from_vector, vector_from_rotation
@@ -42,7 +43,8 @@ class CameraDifference:
     @property
     def length_px(self) -> np.ndarray:
         """(d, n): length of the difference."""
-        return np.linalg.norm(self.difference_px, axis=-1)
+        length: FloatArray = np.linalg.norm(self.difference_px, axis=-1)
+        return length
 
 
 def camera_difference(
@@ -122,7 +124,9 @@ def points_on_rays(
     return origins + reach[..., None] * directions, (square > 0) & (reach > 0)
 
 
-def _alignment(camera, points, pixels, visible, columns: int) -> tuple[np.ndarray, np.ndarray]:
+def _alignment(
+    camera: FisheyeCamera, points: np.ndarray, pixels: np.ndarray, visible: np.ndarray, columns: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Rotation vector and shift of points (d, n, 3) by which a camera's pixels come nearest to those given."""
     rotation, shift = np.eye(3), np.zeros(3)
     for _ in range(_ITERATIONS if columns else 0):
@@ -147,4 +151,5 @@ def _variance(d_parameters: np.ndarray, covariance: np.ndarray, gauge: np.ndarra
     if gauge.shape[1]:
         rows = rows - gauge @ np.linalg.lstsq(gauge, rows, rcond=None)[0]
     variance = np.einsum("ki,ij,kj->k", rows, covariance, rows, optimize=True)
-    return np.maximum(variance, 0).reshape(-1, 2).sum(axis=-1)
+    total: FloatArray = np.maximum(variance, 0).reshape(-1, 2).sum(axis=-1)
+    return total

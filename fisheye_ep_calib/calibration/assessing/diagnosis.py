@@ -98,7 +98,7 @@ def diagnose(
     return Diagnosis(counts, in_image, view_rms, split, tuple(findings))
 
 
-def _sighting_geometry(fit: Fit):
+def _sighting_geometry(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Incidence angle (rad), azimuth (rad) and distance from the camera (metres) of every sighting used."""
     used = fit.used
     observations, images = fit.sightings.observations, fit.sightings.images

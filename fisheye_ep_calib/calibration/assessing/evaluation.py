@@ -132,7 +132,9 @@ def _views_where(marked: np.ndarray, sightings: Sightings) -> list[int]:
     return [int(image) for image in sightings.images[marked]]
 
 
-def _without(images: list[int], problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings):
+def _without(
+    images: list[int], problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings
+) -> tuple[AdjustmentProblem, AdjustmentState, Sightings]:
     """Problem, state and sightings without these images; refuses to leave none."""
     kept = ~np.isin(sightings.images, images)
     if not kept.any():
@@ -142,7 +144,7 @@ def _without(images: list[int], problem: AdjustmentProblem, state: AdjustmentSta
     return replace(problem, blocks=sightings.blocks), state, sightings
 
 
-def _by_view(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings):
+def _by_view(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings) -> list[np.ndarray]:
     """Error lengths, px, of each view's sightings in use; infinite where the camera has no projection."""
     observations = sightings.observations
     error, _, valid = residuals(problem, state, len(observations.pixels))

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.assessing.uncertainty import Uncertainty
 from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.camera.bands import pupil_sigma
@@ -46,7 +47,8 @@ def _weights(fits: Sequence[Fit], clustering: float) -> np.ndarray:
     variance = (squares / [fit.degrees_of_freedom for fit in fits]).min() * clustering
     distance = squares / max(variance, 1e-300) + 2 * parameters
     weights = np.exp(-0.5 * (distance - distance.min()))
-    return weights / weights.sum()
+    shares: FloatArray = weights / weights.sum()
+    return shares
 
 
 def _step(chosen: Fit, other: Fit, theta: np.ndarray, sigma: np.ndarray) -> np.ndarray:

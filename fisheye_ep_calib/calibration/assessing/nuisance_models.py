@@ -6,7 +6,7 @@ the most likely ones, and camera and covariance follow from them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +68,9 @@ def nuisance_models(fit: Fit, angles: np.ndarray) -> tuple[NuisanceModel, ...]:
     return tuple(_model(fit, angles, linearisation, name, groups) for name, groups in NUISANCES.items())
 
 
-def _model(fit: Fit, angles: np.ndarray, linearisation: JointLinearisation, name: str, groups) -> NuisanceModel:
+def _model(
+    fit: Fit, angles: np.ndarray, linearisation: JointLinearisation, name: str, groups: Sequence[str]
+) -> NuisanceModel:
     variances, posterior = linearisation.most_likely(groups)
     camera = fit.state.camera
     names = pupil_names(len(camera.coefficients))

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.assessing.camera_difference import SAME_PIXEL, points_on_rays
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.camera.directions import direction
@@ -54,18 +55,19 @@ def single_viewpoint(camera: FisheyeCamera, distance: float = np.inf) -> StandIn
     free = np.array([name != "skew" for name in start.parameter_names])
     scale = np.where(np.arange(free.sum()) < 4, camera.fx, 1.0)
 
-    def trial(values):
+    def trial(values: np.ndarray) -> FisheyeCamera:
         parameters = start.parameters.copy()
         parameters[free] = values * scale
         return start.with_parameters(parameters)
 
-    def error(values):
+    def error(values: np.ndarray) -> FloatArray:
         try:
-            return (_project(trial(values), points) - pixels).ravel()
+            difference: FloatArray = _project(trial(values), points) - pixels
         except InputError:  # a step too far, to no camera at all
             return np.full(pixels.size, 1e6)
+        return difference.ravel()
 
-    def jacobian(values):
+    def jacobian(values: np.ndarray) -> FloatArray:
         _, _, _, d_parameters = trial(values).project_with_jacobian(points)
         return d_parameters[..., free].reshape(-1, int(free.sum())) * scale
 

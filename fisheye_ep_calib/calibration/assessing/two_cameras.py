@@ -18,11 +18,12 @@ must not be told by where the target stood (Mann and Whitney's ranks).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
 
 PARAMETERS = ("fx", "fy", "cx", "cy")
@@ -146,7 +147,7 @@ def _excess(score: np.ndarray, information: np.ndarray, variance: float) -> floa
     return most - 0.5 * score.size * variance
 
 
-def _starts(score: np.ndarray, information: np.ndarray):
+def _starts(score: np.ndarray, information: np.ndarray) -> Iterator[np.ndarray]:
     """Groups (V,) to begin with: either side of the middle along each parameter, and along directions between them."""
     own = -np.linalg.solve(information, score[..., None])[..., 0]
     weighted = own * np.sqrt(np.diagonal(information.sum(axis=0)))
@@ -156,7 +157,7 @@ def _starts(score: np.ndarray, information: np.ndarray):
         yield along > np.median(along)
 
 
-def _settled(score, information, group):
+def _settled(score: np.ndarray, information: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Corrections of the groups and groups of the corrections, by turns until nothing changes."""
     corrections = np.zeros((2, score.shape[1]))
     for _ in range(_ROUNDS):
@@ -183,4 +184,5 @@ def _by_the_others(score: np.ndarray, information: np.ndarray, group: np.ndarray
 
 def _gains(score: np.ndarray, information: np.ndarray, corrections: np.ndarray) -> np.ndarray:
     """gain_v(δ) (2, V) of two corrections (2, P)."""
-    return -corrections @ score.T - 0.5 * np.einsum("ki,vij,kj->kv", corrections, information, corrections)
+    gain: FloatArray = -corrections @ score.T - 0.5 * np.einsum("ki,vij,kj->kv", corrections, information, corrections)
+    return gain

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.adjustment import predict_block, shared_jacobian
 from fisheye_ep_calib.calibration.estimating.fit import Fit
-from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information, solve_scaled
+from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
+from fisheye_ep_calib.calibration.estimating.shape_equations import solve_scaled
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.rotation import motion_jacobian, placed, turn_jacobian
@@ -119,4 +121,5 @@ def projection_uncertainty(
     columns = motion @ uncertainty.gauge
     columns[..., : int(free.sum())] += d_parameters[..., free]
     covariance = columns @ uncertainty.shared @ np.swapaxes(columns, -1, -2)
-    return np.sqrt(np.maximum(0.5 * np.trace(covariance, axis1=-2, axis2=-1), 0.0))
+    sigma: FloatArray = np.sqrt(np.maximum(0.5 * np.trace(covariance, axis1=-2, axis2=-1), 0.0))
+    return sigma

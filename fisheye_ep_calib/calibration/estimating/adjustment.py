@@ -6,13 +6,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import (
     CAUTIOUS,
     CONVERGED,
     MOST_ITERATIONS,
     minimise,
 )
-from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
+from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations, Step
 from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, Prediction, predict
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss
 from fisheye_ep_calib.calibration.estimating.shape_products import ShapeProducts
@@ -181,10 +182,13 @@ def _products(parts: list[np.ndarray], weights: np.ndarray, columns: int) -> np.
         np.multiply(part.transpose(2, 1, 0, 3), weights[:, None, None], out=system[:, first:last])
         first = last
     rows = system.reshape(views, columns, 2 * slots)
-    return rows @ rows.transpose(0, 2, 1)
+    products: FloatArray = rows @ rows.transpose(0, 2, 1)
+    return products
 
 
-def residuals(problem: AdjustmentProblem, state: AdjustmentState, count: int):
+def residuals(
+    problem: AdjustmentProblem, state: AdjustmentState, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Predicted minus measured pixels (count, 2), incidence angles (count,) and validity, by observation row.
 
     Rows that no block holds stay NaN and invalid.
@@ -202,7 +206,7 @@ def residuals(problem: AdjustmentProblem, state: AdjustmentState, count: int):
     return result, theta, valid
 
 
-def stepped(problem: AdjustmentProblem, state: AdjustmentState, step) -> AdjustmentState | None:
+def stepped(problem: AdjustmentProblem, state: AdjustmentState, step: Step) -> AdjustmentState | None:
     """The state after a step, or None where it is no camera."""
     parameters = state.camera.parameters.copy()
     free_count = int(problem.free.sum())

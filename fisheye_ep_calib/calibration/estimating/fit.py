@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.adjustment import (
     Adjustment,
     AdjustmentProblem,
@@ -195,7 +196,8 @@ class Fit:
 def weighted_square(error: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Squared lengths (n,) of weighted residuals, from errors (M, 2) px and weights (M,), of those that are used."""
     square = (error**2).sum(axis=-1) * weights**2
-    return square[(weights > 0) & np.isfinite(square)]
+    of_used: FloatArray = square[(weights > 0) & np.isfinite(square)]
+    return of_used
 
 
 def sightings_of(observations: Observations, disc_centers: str = "unbiased") -> Sightings:

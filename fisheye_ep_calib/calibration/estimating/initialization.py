@@ -12,6 +12,7 @@ from itertools import product
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.ray_pose import poses_from_rays
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock
 from fisheye_ep_calib.target.shape.frame import BoardFrame
@@ -33,7 +34,12 @@ class InitialGuess:
 
 
 def initial_guess(
-    blocks: tuple[ViewBlock, ...], board: BoardFrame, image_size, views: int, robust: bool = False, wide: bool = False
+    blocks: tuple[ViewBlock, ...],
+    board: BoardFrame,
+    image_size: tuple[int, int],
+    views: int,
+    robust: bool = False,
+    wide: bool = False,
 ) -> InitialGuess:
     """Choose the focal lengths and the poses of all V views.
 
@@ -71,7 +77,9 @@ def initial_guess(
     return InitialGuess(focal, centre, poses)
 
 
-def _candidates(blocks: tuple[ViewBlock, ...], image_size, wide: bool) -> tuple[np.ndarray, np.ndarray]:
+def _candidates(
+    blocks: tuple[ViewBlock, ...], image_size: tuple[int, int], wide: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Focal lengths (2, K) px and centres (2, K) px to try."""
     size = np.array(image_size, dtype=float)
     focal_lengths, centres = [], []
@@ -83,7 +91,7 @@ def _candidates(blocks: tuple[ViewBlock, ...], image_size, wide: bool) -> tuple[
     return np.concatenate(focal_lengths, axis=1), np.concatenate(centres, axis=1)
 
 
-def _sample(blocks: tuple[ViewBlock, ...]):
+def _sample(blocks: tuple[ViewBlock, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pixels (2, B, N), points (3, B, N) and used (B, N) of a spread of views and points: enough to choose by."""
     places = [(block, row) for block in blocks for row in range(len(block.views))]
     chosen = [places[i] for i in np.unique(np.linspace(0, len(places) - 1, _SAMPLE_VIEWS).astype(int))]
@@ -99,7 +107,8 @@ def _sample(blocks: tuple[ViewBlock, ...]):
 
 def _radius(pixels: np.ndarray, centre: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Distances of pixels (2, ...) from the centre, in multiples of scale (2,)."""
-    return np.hypot((pixels[0] - centre[0]) / scale[0], (pixels[1] - centre[1]) / scale[1])
+    radius: FloatArray = np.hypot((pixels[0] - centre[0]) / scale[0], (pixels[1] - centre[1]) / scale[1])
+    return radius
 
 
 def equidistant_rays(pixels: np.ndarray, centre: np.ndarray, focal_lengths: np.ndarray) -> np.ndarray:
@@ -111,7 +120,16 @@ def equidistant_rays(pixels: np.ndarray, centre: np.ndarray, focal_lengths: np.n
     return np.stack([x * scale, y * scale, np.cos(theta)])
 
 
-def _poses_and_errors(pixels, object_points, used, board, centre, focal_lengths, solutions, robust):
+def _poses_and_errors(
+    pixels: np.ndarray,
+    object_points: np.ndarray,
+    used: np.ndarray,
+    board: BoardFrame,
+    centre: np.ndarray,
+    focal_lengths: np.ndarray,
+    solutions: int,
+    robust: bool,
+) -> tuple[np.ndarray, np.ndarray]:
     """Poses (B, 4, 4) and the errors (B, N), px, of their sightings through the equidistant lens."""
     rays = equidistant_rays(pixels, centre, focal_lengths)
     poses = poses_from_rays(rays, object_points, used, board, solutions, robust)

@@ -219,7 +219,7 @@ class JointLinearisation:
         spread = float(posterior.determined(variances)[wanted].sum()) * variances.noise**2
         return self._square_beside_camera(variances, posterior, value) + spread
 
-    def _parts(self, variances: Variances, posterior: JointPosterior):
+    def _parts(self, variances: Variances, posterior: JointPosterior) -> tuple[np.ndarray, np.ndarray, ShapeEquations]:
         """Columns used of the views' own and of the lens field; the shape's equations with all the other columns."""
         used = variances.deviation > 0
         views = 6 + np.flatnonzero(used[self._view_group])

@@ -19,6 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.shape_equations import ShapeEquations, block_system, solve_scaled
 
 ALMOST_UNDAMPED = 1e-9  # for a step that is not checked by a second one
@@ -60,12 +61,14 @@ class NormalEquations:
     @cached_property
     def shared(self) -> np.ndarray:
         """C (S, S)."""
-        return self.by_view[:, self.view_size : -1, self.view_size : -1].sum(axis=0) + self.prior
+        total: FloatArray = self.by_view[:, self.view_size : -1, self.view_size : -1].sum(axis=0) + self.prior
+        return total
 
     @cached_property
     def shared_gradient(self) -> np.ndarray:
         """g_s (S,)."""
-        return self.shared_gradients.sum(axis=0)
+        total: FloatArray = self.shared_gradients.sum(axis=0)
+        return total
 
     @property
     def shared_gradients(self) -> np.ndarray:
@@ -123,7 +126,9 @@ class Step:
     predicted_decrease: float
 
 
-def _reduce(pose, mixed, shared, pose_gradient, shared_gradient):
+def _reduce(
+    pose: np.ndarray, mixed: np.ndarray, shared: np.ndarray, pose_gradient: np.ndarray, shared_gradient: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Eliminate the poses: reduced matrix (S, S), reduced gradient (S,), and A⁻¹ [B, g] (V, q, S + 1)."""
     right = np.concatenate([mixed, pose_gradient[..., None]], axis=-1)
     solved = np.linalg.solve(pose, right)
@@ -154,7 +159,14 @@ def solve_damped(equations: NormalEquations, damping: float) -> Step:
     return _step(equations, pose_step, shared_step, equations.shared_gradient, np.diag(equations.shared), damping)
 
 
-def _step(equations: NormalEquations, pose, shared, gradient, diagonal, damping: float) -> Step:
+def _step(
+    equations: NormalEquations,
+    pose: np.ndarray,
+    shared: np.ndarray,
+    gradient: np.ndarray,
+    diagonal: np.ndarray,
+    damping: float,
+) -> Step:
     """The step and what it promises; gradient, diagonal: of the shared unknowns, undamped."""
     if not max(np.abs(pose).max(initial=0.0), np.abs(shared).max(initial=0.0)) < _BOUNDLESS:
         raise np.linalg.LinAlgError
@@ -196,7 +208,8 @@ def reduced_information(equations: NormalEquations) -> np.ndarray:
         equations.pose_gradient,
         equations.shared_gradient,
     )
-    return 0.5 * (reduced + reduced.T)
+    symmetric: FloatArray = 0.5 * (reduced + reduced.T)
+    return symmetric
 
 
 def view_clustering(equations: NormalEquations, variance: float) -> tuple[float, float]:
@@ -223,7 +236,8 @@ def view_clustering(equations: NormalEquations, variance: float) -> tuple[float,
 def _scores(equations: NormalEquations) -> np.ndarray:
     """s_j (V, S): the gradient by the shared parameters that each view leaves once its pose has settled."""
     solved = np.linalg.solve(equations.pose, equations.pose_gradient[..., None])
-    return equations.shared_gradients - (np.swapaxes(equations.mixed, 1, 2) @ solved)[..., 0]
+    scores: FloatArray = equations.shared_gradients - (np.swapaxes(equations.mixed, 1, 2) @ solved)[..., 0]
+    return scores
 
 
 def view_robust_covariance(equations: NormalEquations) -> np.ndarray:
@@ -235,7 +249,8 @@ def view_robust_covariance(equations: NormalEquations) -> np.ndarray:
     views = len(scores)
     information = reduced_information(equations)
     half = solve_scaled(information, scores.T)
-    return half @ half.T * (views / max(views - 1, 1))
+    covariance: FloatArray = half @ half.T * (views / max(views - 1, 1))
+    return covariance
 
 
 def unbiased_view_robust_covariance(equations: NormalEquations) -> np.ndarray:
@@ -253,11 +268,13 @@ def unbiased_view_robust_covariance(equations: NormalEquations) -> np.ndarray:
     shares, axes = np.linalg.eigh(root @ each @ root.T)
     along = np.einsum("vij,vi->vj", axes, scores @ root.T) / np.sqrt(np.clip(1 - shares, 1e-9, 1.0))
     half = root.T @ np.einsum("vij,vj->iv", axes, along)
-    return half @ half.T
+    covariance: FloatArray = half @ half.T
+    return covariance
 
 
 def _information_of_views(equations: NormalEquations) -> np.ndarray:
     """I_j (V, S, S): what each view tells of the shared parameters once its pose is free."""
     settled = np.linalg.solve(equations.pose, equations.mixed)
     own = slice(equations.view_size, -1)
-    return equations.by_view[:, own, own] - np.swapaxes(equations.mixed, 1, 2) @ settled
+    information: FloatArray = equations.by_view[:, own, own] - np.swapaxes(equations.mixed, 1, 2) @ settled
+    return information

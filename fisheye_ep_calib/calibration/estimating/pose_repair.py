@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.adjustment import adjust, residuals
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, adjusted, of_images
 from fisheye_ep_calib.calibration.estimating.ray_pose import poses_from_rays
@@ -44,7 +45,7 @@ def mirrored_poses(poses: np.ndarray, board: BoardFrame) -> np.ndarray:
     middle = placed(poses, board.middle)
     direction = middle / np.linalg.norm(middle, axis=-1, keepdims=True)
     mirror = np.eye(3) - 2 * direction[:, :, None] * direction[:, None]
-    result = poses.copy()
+    result: FloatArray = poses.copy()
     result[:, :3, :3] = mirror @ poses[:, :3, :3] @ (np.eye(3) - 2 * np.outer(board.axes[:, 2], board.axes[:, 2]))
     result[:, :3, 3] = middle - result[:, :3, :3] @ board.middle
     return result

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.target_axis import project_along_target_axis
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock
 from fisheye_ep_calib.camera import FisheyeCamera
@@ -113,7 +114,8 @@ def predict(
 
 def _turned(d_point: np.ndarray, camera_from_target: np.ndarray) -> np.ndarray:
     """∂pixel/∂(point of the target frame) = ∂pixel/∂p R, from ∂pixel/∂p (2, 3, B, N)."""
-    return np.einsum("rmbn,bml->rlbn", d_point, camera_from_target[:, :3, :3], optimize=True)
+    turned: FloatArray = np.einsum("rmbn,bml->rlbn", d_point, camera_from_target[:, :3, :3], optimize=True)
+    return turned
 
 
 def _contract(d_samples: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -127,7 +129,15 @@ def _contract(d_samples: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return result
 
 
-def _predict_points(camera, features, camera_from_target, points, theta_limit, jacobian, change) -> Prediction:
+def _predict_points(
+    camera: FisheyeCamera,
+    features: FeatureModel,
+    camera_from_target: np.ndarray,
+    points: np.ndarray,
+    theta_limit: float,
+    jacobian: bool,
+    change: ViewChange | None,
+) -> Prediction:
     """Points (3, ..., B, N) in the target frame through poses (B, 4, 4), and the motion of a change during the image.
 
     A point at c + a, c the board's middle, is seen at c + a + s (ω × a + v) at the time s. With g = ∂pixel/∂p there,
@@ -153,7 +163,7 @@ def _predict_points(camera, features, camera_from_target, points, theta_limit, j
     arms = rotated - middle
     d_pose = np.empty((2, 6, *projected.u.shape))
     d_placed, d_twist = d_point, not_computed()
-    if twist is not None:
+    if change is not None and twist is not None:
         d_placed = d_point - np.cross(twist[0][None], d_point, axis=1)
         d_twist = change.time * np.concatenate([turn_jacobian(arms, d_point), d_point], axis=1)
     turn_jacobian(arms, d_placed, out=d_pose[:, :3])

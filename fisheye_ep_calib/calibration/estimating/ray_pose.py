@@ -8,6 +8,7 @@ X = (x, y, z, 1) and the 3×4 matrix (R | t).
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import BoolArray, FloatArray
 from fisheye_ep_calib.rotation import nearest_rotation
 from fisheye_ep_calib.target.shape.frame import BoardFrame
 
@@ -46,7 +47,9 @@ def poses_from_rays(
     return poses
 
 
-def _normalised(object_points, used, axes, middle):
+def _normalised(
+    object_points: np.ndarray, used: np.ndarray, axes: np.ndarray, middle: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Board coordinates (3, B, N), centred and scaled a view, with offset (3, B) and scale (B,)."""
     local = np.tensordot(axes.T, object_points - middle[:, None, None], axes=1)
     count = np.maximum(used.sum(axis=-1), 1)
@@ -57,7 +60,9 @@ def _normalised(object_points, used, axes, middle):
     return local / scale[:, None], offset, scale
 
 
-def _smallest_solution(rays, homogeneous, used, solutions, robust):
+def _smallest_solution(
+    rays: np.ndarray, homogeneous: np.ndarray, used: np.ndarray, solutions: int, robust: bool
+) -> np.ndarray:
     """Matrices M (B, 3, D) minimising Σ w |(I − b bᵀ) M X|² over unit M, X = homogeneous (D, B, N)."""
     weights = _consensus_weights(rays, homogeneous, used) if robust else used.astype(float)
     outer, projector = _products(homogeneous), _projectors(rays)
@@ -70,13 +75,13 @@ def _smallest_solution(rays, homogeneous, used, solutions, robust):
     return solution
 
 
-def _products(homogeneous):
+def _products(homogeneous: np.ndarray) -> np.ndarray:
     """The distinct entries of X Xᵀ, (B, D (D + 1) / 2, N)."""
     size = len(homogeneous)
     return np.stack([homogeneous[i] * homogeneous[j] for i in range(size) for j in range(i, size)], axis=1)
 
 
-def _projectors(rays):
+def _projectors(rays: np.ndarray) -> np.ndarray:
     """The six distinct entries of I − b bᵀ, (B, 6, N)."""
     return np.stack([(i == j) - rays[i] * rays[j] for i in range(3) for j in range(i, 3)], axis=1)
 
@@ -89,7 +94,7 @@ def _symmetric_index(size: int) -> np.ndarray:
     return index
 
 
-def _eigen_solution(outer, projector, weights, size):
+def _eigen_solution(outer: np.ndarray, projector: np.ndarray, weights: np.ndarray, size: int) -> np.ndarray:
     """Smallest eigenvectors of Σ w (I − b bᵀ) ⊗ X Xᵀ as matrices (B, 3, D)."""
     products = (projector * weights[:, None]) @ np.swapaxes(outer, 1, 2)
     rays_index, points_index = _symmetric_index(3), _symmetric_index(size)
@@ -97,7 +102,7 @@ def _eigen_solution(outer, projector, weights, size):
     return _smallest_eigenvector(quadratic.reshape(-1, 3 * size, 3 * size)).reshape(-1, 3, size)
 
 
-def _smallest_eigenvector(matrix):
+def _smallest_eigenvector(matrix: FloatArray) -> FloatArray:
     """Unit eigenvectors (B, n) to the smallest eigenvalues of positive semidefinite matrices (B, n, n).
 
     The inverse, squared four times, is v vᵀ but for (λ₁/λ₂)¹⁶ (Golub and Van Loan, Matrix Computations, 8.2: inverse
@@ -111,10 +116,13 @@ def _smallest_eigenvector(matrix):
         power = power @ power
     diagonal = np.einsum("bii->bi", power)
     vector = power[np.arange(len(power)), :, np.argmax(diagonal, axis=1)]
-    return vector / np.linalg.norm(vector, axis=1, keepdims=True)
+    unit: FloatArray = vector / np.linalg.norm(vector, axis=1, keepdims=True)
+    return unit
 
 
-def _facing_forward(solution, rays, homogeneous, used):
+def _facing_forward(
+    solution: np.ndarray, rays: np.ndarray, homogeneous: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The sign for which points lie along their rays; sines (B, N) of the angles left; |M X| (B, N)."""
     mapped = np.einsum("bij,jbn->ibn", solution, homogeneous)
     along = (mapped * rays).sum(axis=0)
@@ -125,13 +133,14 @@ def _facing_forward(solution, rays, homogeneous, used):
     return solution * side[:, None, None], sine, length
 
 
-def _median(values, used):
+def _median(values: FloatArray, used: BoolArray) -> FloatArray:
     """Lower median (B,) of the used entries of values (B, N)."""
     middle = np.maximum(used.sum(axis=-1) - 1, 0) // 2
-    return np.sort(np.where(used, values, np.inf), axis=-1)[np.arange(len(used)), middle]
+    median: FloatArray = np.sort(np.where(used, values, np.inf), axis=-1)[np.arange(len(used)), middle]
+    return median
 
 
-def _consensus_weights(rays, homogeneous, used):
+def _consensus_weights(rays: np.ndarray, homogeneous: np.ndarray, used: BoolArray) -> FloatArray:
     """Weights (B, N) after the best of _SAMPLES solutions a view, each from _SAMPLE_SIZE random sightings."""
     views, slots = used.shape
     size = min(_SAMPLE_SIZE[len(homogeneous)], slots)
@@ -149,10 +158,19 @@ def _consensus_weights(rays, homogeneous, used):
     median = _median(sine, used[row[:, 0]]).reshape(views, _SAMPLES)
     best = np.argmin(median, axis=-1)
     limit = np.maximum(4 * median[np.arange(views), best], 1e-9)
-    return (used & (sine.reshape(views, _SAMPLES, slots)[np.arange(views), best] <= limit[:, None])).astype(float)
+    agreeing: BoolArray = used & (sine.reshape(views, _SAMPLES, slots)[np.arange(views), best] <= limit[:, None])
+    return agreeing.astype(float)
 
 
-def _planar_poses(rays, object_points, used, axes, middle, solutions, robust):
+def _planar_poses(
+    rays: np.ndarray,
+    object_points: np.ndarray,
+    used: np.ndarray,
+    axes: np.ndarray,
+    middle: np.ndarray,
+    solutions: int,
+    robust: bool,
+) -> np.ndarray:
     local, offset, scale = _normalised(object_points, used, axes, middle)
     homogeneous = np.stack([local[0], local[1], np.ones_like(local[0])])
     homography = _smallest_solution(rays, homogeneous, used, solutions, robust)
@@ -163,7 +181,15 @@ def _planar_poses(rays, object_points, used, axes, middle, solutions, robust):
     return _pose(nearest_rotation(matrix), third / length * scale[:, None], axes, middle, offset)
 
 
-def _spatial_poses(rays, object_points, used, axes, middle, solutions, robust):
+def _spatial_poses(
+    rays: np.ndarray,
+    object_points: np.ndarray,
+    used: np.ndarray,
+    axes: np.ndarray,
+    middle: np.ndarray,
+    solutions: int,
+    robust: bool,
+) -> np.ndarray:
     local, offset, scale = _normalised(object_points, used, axes, middle)
     solution = _smallest_solution(rays, np.concatenate([local, np.ones_like(local[:1])]), used, solutions, robust)
     length = np.cbrt(np.linalg.det(solution[..., :3]))[:, None]
@@ -172,7 +198,9 @@ def _spatial_poses(rays, object_points, used, axes, middle, solutions, robust):
     return _pose(rotation, solution[..., 3] / length * scale[:, None], axes, middle, offset)
 
 
-def _pose(rotation, translation, axes, middle, offset):
+def _pose(
+    rotation: np.ndarray, translation: np.ndarray, axes: np.ndarray, middle: np.ndarray, offset: np.ndarray
+) -> np.ndarray:
     """camera_from_target (B, 4, 4) from the pose of the board's own, centred frame."""
     poses = np.tile(np.eye(4), (len(rotation), 1, 1))
     poses[:, :3, :3] = rotation @ axes.T

@@ -103,7 +103,7 @@ class BlockSystem:
 
     @property
     def _rows(self) -> int:
-        return self.blocks.shape[0] * self.blocks.shape[1]
+        return int(self.blocks.shape[0] * self.blocks.shape[1])
 
     def reduced(self) -> tuple[np.ndarray, np.ndarray]:
         """R (d, d) and D⁻¹ G (k, b, d).
@@ -204,7 +204,7 @@ def block_system(pose: np.ndarray, mixed: np.ndarray, camera: np.ndarray, shape:
     return BlockSystem(pose, np.concatenate([mixed, shape.pose], axis=-1), dense, places)
 
 
-def _points_in_blocks(pose, mixed, camera, shape: ShapeEquations) -> BlockSystem:
+def _points_in_blocks(pose: np.ndarray, mixed: np.ndarray, camera: np.ndarray, shape: ShapeEquations) -> BlockSystem:
     views, count, smooth = len(pose), len(camera), shape.smooth_size
     rows = views * pose.shape[1]
     size = rows + count + smooth

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
-from fisheye_ep_calib.calibration.estimating.shape_equations import block_system
+from fisheye_ep_calib.calibration.estimating.shape_equations import ShapeEquations, block_system
 from fisheye_ep_calib.target.shape.model import AXIS_GROUP
 from fisheye_ep_calib.target.shape.variances import Posterior, Variances
 
@@ -76,9 +77,12 @@ class Linearisation:
             else:
                 rows -= axes[..., along] @ solved
                 own = np.einsum("nia,nab,nib->ni", axes[..., along], np.linalg.inv(system.blocks), axes[..., along])
-        return own + ((rows @ inverse) * rows).sum(axis=-1)
+        variance: FloatArray = own + ((rows @ inverse) * rows).sum(axis=-1)
+        return variance
 
-    def _with_poses_first(self, kept, chosen, penalty):
+    def _with_poses_first(
+        self, kept: np.ndarray, chosen: ShapeEquations, penalty: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Value (K,), diagonal of S (K,), log-determinant and decrease of the objective, dense in camera and shape."""
         key = kept.tobytes()
         if key not in self._systems:
@@ -97,7 +101,7 @@ class Linearisation:
             decrease - float(step @ gradient),
         )
 
-    def _without_poses(self, chosen):
+    def _without_poses(self, chosen: ShapeEquations) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Matrix and gradient of camera and shape with the poses eliminated, log-determinant and decrease of that."""
         equations = self._equations
         system = block_system(equations.pose, equations.mixed, equations.shared, chosen)
@@ -108,7 +112,7 @@ class Linearisation:
         settled = np.linalg.solve(equations.pose, equations.pose_gradient[..., None]).reshape(-1)
         return matrix, gradient, float(np.linalg.slogdet(equations.pose)[1].sum()), float(settled @ own)
 
-    def _with_points_first(self, chosen):
+    def _with_points_first(self, chosen: ShapeEquations) -> tuple[np.ndarray, np.ndarray, float, float]:
         """The same with the points in blocks and poses, camera and smooth fields dense."""
         equations, smooth = self._equations, chosen.smooth_size
         system = block_system(equations.pose, equations.mixed, equations.shared, chosen)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.shape_equations import ShapeEquations
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock
 from fisheye_ep_calib.target.shape.model import LOCAL, ShapeModel
@@ -58,7 +59,7 @@ class ShapeProducts:
 
         def by_unknown(products: np.ndarray) -> np.ndarray:
             """Products (..., n, L) with the local deformations as those with the shape's unknowns (..., K)."""
-            smooth = products.reshape(*products.shape[:-2], len(flat)) @ flat
+            smooth: FloatArray = products.reshape(*products.shape[:-2], len(flat)) @ flat
             if not is_rough:
                 return smooth
             rough = np.einsum("...ni,nij->...nj", products[..., :3], axes, optimize=True)
@@ -74,4 +75,5 @@ class ShapeProducts:
 
 def _products(columns: np.ndarray, weighted: np.ndarray) -> np.ndarray:
     """Columns (2, Q, B, N) times weighted local derivatives (2, L, B, N), summed over u and v: (Q, L, B, N)."""
-    return columns[0, :, None] * weighted[0] + columns[1, :, None] * weighted[1]
+    products: FloatArray = columns[0, :, None] * weighted[0] + columns[1, :, None] * weighted[1]
+    return products

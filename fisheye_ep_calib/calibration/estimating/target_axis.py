@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.projection import Projection, project_coordinates
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
@@ -22,7 +23,13 @@ _STEPS = 30
 
 
 def project_along_target_axis(
-    camera: FisheyeCamera, x, y, z, normal: np.ndarray, theta_limit: float, jacobian: bool = False
+    camera: FisheyeCamera,
+    x: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    normal: np.ndarray,
+    theta_limit: float,
+    jacobian: bool = False,
 ) -> tuple[Projection, np.ndarray]:
     """Project points p₀ = (x, y, z) of shape (..., B, N), camera frame, metres; normal (3, B): n of each view.
 
@@ -60,8 +67,10 @@ def _angle_gradient(point: np.ndarray) -> np.ndarray:
     rho = np.hypot(point[0], point[1])
     square = rho * rho + point[2] * point[2]
     safe = np.where(rho > 0, rho, 1.0)
-    return np.stack([point[2] * point[0] / safe, point[2] * point[1] / safe, -rho]) / square
+    gradient: FloatArray = np.stack([point[2] * point[0] / safe, point[2] * point[1] / safe, -rho]) / square
+    return gradient
 
 
 def _along(point: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    return (_angle_gradient(point) * axis).sum(axis=0)
+    along: FloatArray = (_angle_gradient(point) * axis).sum(axis=0)
+    return along

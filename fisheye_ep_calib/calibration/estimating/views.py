@@ -45,7 +45,7 @@ def view_blocks(observations: Observations, images: np.ndarray) -> tuple[ViewBlo
     return tuple(blocks)
 
 
-def _block(observations: Observations, views: np.ndarray, starts, counts) -> ViewBlock:
+def _block(observations: Observations, views: np.ndarray, starts: np.ndarray, counts: np.ndarray) -> ViewBlock:
     slots = np.arange(counts[views].max(initial=0))
     real = slots < counts[views][:, None]
     rows = starts[views][:, None] + np.where(real, slots, 0)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray, IntArray
 from fisheye_ep_calib.calibration.estimating.adjustment import Adjustment, adjust, evaluate, residuals, stepped
 from fisheye_ep_calib.calibration.estimating.fit import Fit, of_images, weighted_square
 from fisheye_ep_calib.calibration.estimating.normal_equations import ALMOST_UNDAMPED, NormalEquations, solve_damped
@@ -43,7 +44,8 @@ class CrossValidation:
 
     def fold_log_ratios(self, other: CrossValidation) -> np.ndarray:
         """½ ln(own / other loss) of each fold (K,); negative where this one is better."""
-        return 0.5 * np.log(np.maximum(self.loss, 1e-300) / np.maximum(other.loss, 1e-300))
+        gain: FloatArray = 0.5 * np.log(np.maximum(self.loss, 1e-300) / np.maximum(other.loss, 1e-300))
+        return gain
 
     def log_ratio(self, other: CrossValidation) -> tuple[float, float]:
         """Mean of ``fold_log_ratios`` and its standard error.
@@ -66,7 +68,8 @@ def fold_of_view(place: np.ndarray) -> np.ndarray:
     folds = FOLDS if count >= 2 * FOLDS else count
     number = np.empty(count, dtype=int)
     number[np.random.default_rng(0).permutation(count)] = np.arange(count) % folds
-    return number[place]
+    of_view: IntArray = number[place]
+    return of_view
 
 
 def cross_validate(fit: Fit) -> CrossValidation:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray, IntArray
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings
 from fisheye_ep_calib.calibration.estimating.prediction import predict
 from fisheye_ep_calib.calibration.observations import Observations
@@ -157,7 +158,7 @@ class _PointsOfViews:
         # Where nothing differs at all, rounding alone is left on both sides.
         if noise > _PAIRED * self._pitch(rows_a) or float(np.sqrt((moved**2).mean())) > max(noise, 1e-9):
             return None
-        names = self._point_index[rows_b]
+        names: IntArray = self._point_index[rows_b]
         if np.array_equal(names[common], self._point_index[partner]):
             return names
         names = np.full(len(rows_b), -1)
@@ -185,7 +186,8 @@ def _corner_directions(fit: Fit) -> np.ndarray:
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     corners = board.middle + (signs * board.half_extent) @ board.axes[:, :2].T
     in_camera = corners @ np.swapaxes(poses[:, :3, :3], 1, 2) + poses[:, None, :3, 3]
-    return (in_camera / np.linalg.norm(in_camera, axis=-1, keepdims=True)).reshape(len(poses), -1)
+    directions: FloatArray = (in_camera / np.linalg.norm(in_camera, axis=-1, keepdims=True)).reshape(len(poses), -1)
+    return directions
 
 
 def _averaged(observations: Observations, place: np.ndarray, point: np.ndarray) -> Observations:

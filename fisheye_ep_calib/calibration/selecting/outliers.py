@@ -15,10 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import BoolArray
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, refine, with_weights
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
 from fisheye_ep_calib.calibration.estimating.robust import Loss, robust_spread
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
+from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
@@ -211,10 +213,11 @@ def _huber_shape(fit: Fit, rich: Structure, least: float) -> Fit:
 
 
 def _used(fit: Fit) -> np.ndarray:
-    return (fit.sightings.observations.weights > 0) & np.isfinite(fit.residuals[0][:, 0])
+    used: BoolArray = (fit.sightings.observations.weights > 0) & np.isfinite(fit.residuals[0][:, 0])
+    return used
 
 
-def _wrong_views(observations, inside: np.ndarray, images: np.ndarray) -> set[int]:
+def _wrong_views(observations: Observations, inside: np.ndarray, images: np.ndarray) -> set[int]:
     """Image numbers whose share of good sightings is too small."""
     used = observations.weights > 0
     size = int(observations.image_index.max()) + 1

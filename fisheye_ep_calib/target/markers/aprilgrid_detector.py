@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from fisheye_ep_calib.target.corners.measurement import Surroundings
@@ -15,10 +17,33 @@ KALIBR_ORDER = np.array([1, 0, 3, 2])
 TAG_CELLS = 10
 
 
+class GridOfTags(Protocol):
+    """What is looked for (boards/aprilgrid.py): numbers of tags, lengths in metres, the corners of each tag."""
+
+    @property
+    def object_points(self) -> np.ndarray: ...
+    @property
+    def columns(self) -> int: ...
+    @property
+    def rows(self) -> int: ...
+    @property
+    def tag_size(self) -> float: ...
+    @property
+    def tag_gap(self) -> float: ...
+    @property
+    def first_tag(self) -> int: ...
+    @property
+    def tag_points(self) -> np.ndarray: ...
+    @staticmethod
+    def create(
+        name: str, columns: int, rows: int, tag_size: float, tag_gap: float, first_tag: int = 0
+    ) -> GridOfTags: ...
+
+
 class AprilGridDetector(MarkerBoardDetector):
     """Its tags may be turned within their cells; its file may have columns and rows, or top and bottom, exchanged."""
 
-    def __init__(self, target) -> None:
+    def __init__(self, target: GridOfTags) -> None:
         self.target = target
         points, around = target.object_points[:, :2], _surroundings(target)
         tags = points[target.tag_points]
@@ -47,7 +72,7 @@ class AprilGridDetector(MarkerBoardDetector):
         )
 
 
-def _surroundings(target) -> Surroundings:
+def _surroundings(target: GridOfTags) -> Surroundings:
     """What is printed around the tags' corners."""
     # The quadrants (+, +) and (−, −) hold tag and square at a tag's bottom left and top right corners.
     corner_in_tag = np.zeros(len(target.object_points), dtype=int)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any  # of cv2.aruco, which may be absent
+
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
@@ -18,7 +20,7 @@ APRILGRID_DICTIONARY = "DICT_APRILTAG_36h11"
 APRILGRID_BORDER = 2  # black cells around a tag of an AprilGrid
 
 
-def require_aruco(what: str):
+def require_aruco(what: str) -> Any:
     """The module cv2.aruco, or one line that says how to get it."""
     import cv2  # not before it is needed: a target's geometry needs no OpenCV
 
@@ -37,7 +39,7 @@ def dictionary_name(given: str) -> str | None:
     return next((name for name in MARKERS if name.upper() == f"DICT_{last}"), None)
 
 
-def aruco_dictionary(name: str, what: str):
+def aruco_dictionary(name: str, what: str) -> Any:
     """One of OpenCV's predefined dictionaries by its name."""
     module = require_aruco(what)
     number = getattr(module, name, None)
@@ -52,7 +54,7 @@ def marker_side(name: str) -> int | None:
     return None if number is None else int(require_aruco("a marker").getPredefinedDictionary(number).markerSize)
 
 
-def marker_bits(dictionary, identities: np.ndarray, border: int) -> np.ndarray:
+def marker_bits(dictionary: Any, identities: np.ndarray, border: int) -> np.ndarray:
     """The cells (n, m, m) of markers as printed, 1 white and 0 black, row by row, with ``border`` black cells
     around.
     """

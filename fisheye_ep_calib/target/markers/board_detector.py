@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.corners.contrast import detect_stretched
 from fisheye_ep_calib.target.corners.guidance import find_guided
 from fisheye_ep_calib.target.detection import Detection, check_image
@@ -64,7 +65,7 @@ class MarkerBoardDetector:
             remarks.append("another board with the same markers is in view; the more complete one was taken")
         return replace(found, remark="; ".join(remarks)) if len(found) else found
 
-    def detect_guided(self, image: np.ndarray, camera, camera_from_target: np.ndarray) -> Detection:
+    def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
         # The colours about the corners are those of any reading, or all exchanged.
         return find_guided(image, camera, camera_from_target, self.points, self.readings[0].around)
 

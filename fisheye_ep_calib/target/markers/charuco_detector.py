@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -14,20 +14,59 @@ from fisheye_ep_calib.target.markers.codebook import codebook
 UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
+class SquaresWithMarkers(Protocol):
+    """What is looked for (boards/charuco.py): lengths in metres, markers and squares counted row by row."""
+
+    @property
+    def object_points(self) -> np.ndarray: ...
+    @property
+    def columns(self) -> int: ...
+    @property
+    def rows(self) -> int: ...
+    @property
+    def spacing(self) -> float: ...
+    @property
+    def marker_size(self) -> float: ...
+    @property
+    def dictionary(self) -> str: ...
+    @property
+    def legacy(self) -> bool: ...
+    @property
+    def white_first(self) -> bool: ...
+    @property
+    def marker_squares(self) -> np.ndarray: ...
+    @property
+    def tag_corners(self) -> np.ndarray: ...
+    @staticmethod
+    def create(
+        name: str,
+        columns: int,
+        rows: int,
+        spacing: float,
+        marker_size: float,
+        dictionary: str,
+        legacy: bool = False,
+    ) -> SquaresWithMarkers: ...
+
+
 class CharucoDetector(MarkerBoardDetector):
     """Its file may have the other layout of OpenCV, or columns and rows exchanged."""
 
-    def __init__(self, target) -> None:
+    def __init__(self, target: SquaresWithMarkers) -> None:
         self.target = target
         readings = [_reading(target)]
+
+        def board(columns: int, rows: int, legacy: bool) -> SquaresWithMarkers:
+            return target.create("", columns, rows, target.spacing, target.marker_size, target.dictionary, legacy)
+
         if target.rows % 2 == 1:  # an even number of square rows: the two layouts differ
             remark = f"the markers fit legacy: {str(not target.legacy).lower()}, and were taken so"
-            readings.append(_reading(replace(target, legacy=not target.legacy), remark))
+            readings.append(_reading(board(target.columns, target.rows, not target.legacy), remark))
         if target.columns != target.rows:
             columns, rows = target.rows, target.columns
             fault = f"the markers fit columns: {columns}, rows: {rows}; the file has them the other way"
             for legacy in (target.legacy, not target.legacy):
-                turned = target.create("", columns, rows, target.spacing, target.marker_size, target.dictionary, legacy)
+                turned = board(columns, rows, legacy)
                 if len(turned.marker_squares) >= len(target.marker_squares):
                     readings.append(_reading(turned, fault=fault))
         super().__init__(
@@ -41,7 +80,7 @@ class CharucoDetector(MarkerBoardDetector):
         )
 
 
-def _reading(target, remark: str = "", fault: str = "") -> Reading:
+def _reading(target: SquaresWithMarkers, remark: str = "", fault: str = "") -> Reading:
     points = target.object_points[:, :2]
     parity = np.rint(points / target.spacing).astype(int).sum(axis=1) % 2
     # The square down and right of corner (column, row) is black where column + row is even, unless white is first.

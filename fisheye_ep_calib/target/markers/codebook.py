@@ -31,7 +31,7 @@ class Codebook:
     @property
     def side(self) -> int:
         """Cells along a marker, the border's among them."""
-        return self.codes.shape[1] + 2 * self.border
+        return int(self.codes.shape[1]) + 2 * self.border
 
     def match(self, cells: np.ndarray, mirrored: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Number, quarter turns and wrong cells, each (q,) int, of cells (q, k, k) bool; number −1 where it is none.

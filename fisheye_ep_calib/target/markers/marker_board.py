@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fisheye_ep_calib.arrays import BoolArray
 from fisheye_ep_calib.target.corners.measurement import Surroundings, measure_corners
 
 MOST_ROUNDS = 12  # of growing
@@ -89,7 +90,9 @@ def complete_corners(
     return pixels, found
 
 
-def _next_round(points, pixels, jacobian, found, tried, step: float):
+def _next_round(
+    points: np.ndarray, pixels: np.ndarray, jacobian: np.ndarray, found: np.ndarray, tried: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places of features that are not found yet, from a quadratic through the found ones around each."""
     missing = np.flatnonzero(~found & ~tried)
     pixels, jacobian = pixels.copy(), jacobian.copy()
@@ -115,7 +118,7 @@ def _one_name_each(
     pairs = cKDTree(pixels[index]).query_pairs(same.max(initial=0.0), output_type="ndarray")
     apart = np.linalg.norm(pixels[index[pairs[:, 0]]] - pixels[index[pairs[:, 1]]], axis=1)
     pairs = index[pairs[apart < same[pairs].max(axis=1)]]
-    single = found.copy()
+    single: BoolArray = found.copy()
     single[pairs] = False
     if len(pairs) == 0 or single.sum() < NEAR:
         return single
@@ -152,7 +155,9 @@ def _consistent(points: np.ndarray, pixels: np.ndarray, found: np.ndarray) -> np
     return found
 
 
-def _measure_again(image, points, pixels, found, around) -> np.ndarray:
+def _measure_again(
+    image: np.ndarray, points: np.ndarray, pixels: np.ndarray, found: np.ndarray, around: Surroundings
+) -> np.ndarray:
     """Measure the found features once more, now with the lens's bend about each; writes ``pixels`` (n, 2)."""
     index = np.flatnonzero(found)
     _, jacobian, second = local_quadratics(points[index], pixels[index], points[index])

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray, Image
+
 REACH = 13  # pixels: side of the square in which the darkest and the brightest pixel are taken
 LEAST_RANGE = 8.0  # grey values between them, and times the noise
 NOISES = 8.0
@@ -65,7 +67,8 @@ def _white(image: np.ndarray, level: float) -> np.ndarray:
     least = max(LEAST_RANGE, NOISES * _noise(image))
     spread = cv2.subtract(high, low)
     middle = cv2.addWeighted(low, 1 - level, high, level, 0)
-    return np.where((image > middle) & (spread >= least), np.uint8(255), np.uint8(0))
+    mask: Image = np.where((image > middle) & (spread >= least), np.uint8(255), np.uint8(0))
+    return mask
 
 
 def _noise(image: np.ndarray) -> float:
@@ -133,7 +136,8 @@ def _meeting(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     cross = before[..., 0] * direction[..., 1] - before[..., 1] * direction[..., 0]
     cross = np.where(np.abs(cross) < 1e-6, 1e-6, cross)
     share = (offset[..., 0] * direction[..., 1] - offset[..., 1] * direction[..., 0]) / cross
-    return np.roll(start, 1, axis=1) + share[..., None] * before
+    corners: FloatArray = np.roll(start, 1, axis=1) + share[..., None] * before
+    return corners
 
 
 def _clockwise(corners: np.ndarray) -> np.ndarray:
@@ -151,4 +155,5 @@ def _grown(quads: np.ndarray, by: float) -> np.ndarray:
     before /= np.maximum(np.linalg.norm(before, axis=2, keepdims=True), 1e-9)
     after /= np.maximum(np.linalg.norm(after, axis=2, keepdims=True), 1e-9)
     sine = before[..., 0] * after[..., 1] - before[..., 1] * after[..., 0]
-    return quads + by * (before - after) / np.maximum(sine, 0.2)[..., None]
+    grown: FloatArray = quads + by * (before - after) / np.maximum(sine, 0.2)[..., None]
+    return grown

@@ -67,7 +67,9 @@ def _polynomials(frame: BoardFrame, points: np.ndarray, degree: int) -> tuple[np
     return value.T, np.moveaxis(slope, -1, 0)
 
 
-def _height(frame: BoardFrame, points: np.ndarray, seen: np.ndarray, highest: int):
+def _height(
+    frame: BoardFrame, points: np.ndarray, seen: np.ndarray, highest: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Group (K,), value (n, K) and slope (n, 2, K) of the heights above the plane."""
     parts = [_polynomials(frame, points, degree) for degree in range(highest + 1)]
     value = np.concatenate([part[0] for part in parts], axis=-1)
@@ -77,7 +79,9 @@ def _height(frame: BoardFrame, points: np.ndarray, seen: np.ndarray, highest: in
     return degrees[kept] - HEIGHT_DEGREES.start, value @ mixing, slope @ mixing
 
 
-def _in_plane(frame: BoardFrame, points: np.ndarray, seen: np.ndarray, highest: int):
+def _in_plane(
+    frame: BoardFrame, points: np.ndarray, seen: np.ndarray, highest: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Group (K,), value (n, 2, K) and slope (n, 2, 2, K) of the shifts along x and y."""
     position = frame.local(points)[:, :2]
     similarity = np.zeros((len(points), 2, 4))

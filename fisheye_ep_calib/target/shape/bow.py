@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.target.shape.frame import BoardFrame
 
 WARP_NAMES = ("w_x", "w_y", "w_xy")
@@ -26,7 +27,8 @@ def nearest_bow(frame: BoardFrame, points: np.ndarray, height: np.ndarray) -> np
     """w_x, w_y, w_xy (3,), metres, of the bow that comes nearest to heights (n,) above points (n, 3), tilt aside."""
     columns = np.concatenate([bow_height(frame, points), frame.local(points)[:, :2], np.ones((len(points), 1))], axis=1)
     size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    return (np.linalg.lstsq(columns / size, height, rcond=None)[0] / size)[:3]
+    bow: FloatArray = (np.linalg.lstsq(columns / size, height, rcond=None)[0] / size)[:3]
+    return bow
 
 
 def bow_slope(frame: BoardFrame, points: np.ndarray) -> np.ndarray:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
+
 _NEARLY_FLAT = 0.05  # depth over size: up to it a measured board is one plane to a first guess of its poses
 
 
@@ -16,23 +18,24 @@ class BoardFrame:
     half_extent (2,): metres. planar: whether the points lie in the plane, but for what a bent board departs from it.
     """
 
-    axes: np.ndarray
-    middle: np.ndarray
-    half_extent: np.ndarray
+    axes: FloatArray
+    middle: FloatArray
+    half_extent: FloatArray
     planar: bool
 
-    def local(self, points: np.ndarray) -> np.ndarray:
+    def local(self, points: FloatArray) -> FloatArray:
         """Points (..., 3) of the target frame about the middle, along the frame's axes, metres."""
         return (points - self.middle) @ self.axes
 
-    def plane_coordinates(self, points: np.ndarray) -> np.ndarray:
+    def plane_coordinates(self, points: FloatArray) -> FloatArray:
         """x, y (..., 2) of points (..., 3) in units of the half extents: −1 to 1 on the board."""
         return self.local(points)[..., :2] / self.half_extent
 
 
 def board_middle(object_points: np.ndarray) -> np.ndarray:
     """The middle (3,) of points (n, 3), metres: of the box around them."""
-    return 0.5 * (object_points.min(axis=0) + object_points.max(axis=0))
+    middle: FloatArray = 0.5 * (object_points.min(axis=0) + object_points.max(axis=0))
+    return middle
 
 
 def board_frame(object_points: np.ndarray) -> BoardFrame:

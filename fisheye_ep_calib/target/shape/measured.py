@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.target.shape.basis import smooth_fields
 from fisheye_ep_calib.target.shape.bow import nearest_bow
 from fisheye_ep_calib.target.shape.faces import faces_of
@@ -43,8 +45,8 @@ class BoardShape:
     """
 
     kind: str
-    object_points: np.ndarray
-    deviation: np.ndarray
+    object_points: FloatArray
+    deviation: FloatArray
     sigma: np.ndarray | None = None
     bent: bool = False
     scatter: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -97,7 +99,8 @@ class BoardShape:
         fields = smooth_fields(self.frame, self.object_points, np.ones(len(self.deviation), bool), _LOCAL_DEGREE)
         flat = fields.value.reshape(-1, fields.value.shape[-1])
         found = np.linalg.lstsq(flat, self.in_board_axes.reshape(-1), rcond=None)[0]
-        return ((fields.slope @ found) @ self.frame.axes.T).reshape(-1, LOCAL - 3)
+        slopes: FloatArray = ((fields.slope @ found) @ self.frame.axes.T).reshape(-1, LOCAL - 3)
+        return slopes
 
     @property
     def bow(self) -> np.ndarray:
@@ -160,7 +163,7 @@ class BoardShape:
             told.append(f"points scatter by {self.rough_rms_mm:.2f} mm")
         return "; ".join(told) or "the board is as its file has it"
 
-    def to_dict(self) -> dict:
+    def to_dict(self) -> dict[str, Any]:
         """The numbers that programs read."""
         return {
             "shape": self.kind,

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS, smooth_fields
 from fisheye_ep_calib.target.shape.bow import bow_height, bow_slope
 from fisheye_ep_calib.target.shape.faces import faces_of
@@ -100,7 +101,8 @@ class ShapeModel:
 
     def local(self, state: ShapeState) -> np.ndarray:
         """Shift of every point and its derivatives along x and y, (n, LOCAL), target frame."""
-        return self.known + self.local_change(state.vector)
+        local: FloatArray = self.known + self.local_change(state.vector)
+        return local
 
     def local_change(self, unknowns: np.ndarray) -> np.ndarray:
         """(n, LOCAL, ...) for unknowns in the order of ``ShapeState.vector``, (S + 3n, ...)."""

@@ -26,6 +26,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
+
 _MACKAY_STEPS = 2
 _MOST_STEPS = 30
 _SETTLED = 0.03  # relative change of every τ
@@ -72,7 +74,8 @@ class Posterior:
 
     def determined(self, variances: Variances) -> np.ndarray:
         """γ_k (K,): the share of each coefficient that the data determine."""
-        return np.clip(1 - self.variance * variances.penalties[self.group], 1e-12, 1.0)
+        shares: FloatArray = np.clip(1 - self.variance * variances.penalties[self.group], 1e-12, 1.0)
+        return shares
 
     def deviance(self, variances: Variances) -> float:
         """−2 log-likelihood, up to a constant of the data."""
