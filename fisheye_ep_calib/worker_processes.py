@@ -1,4 +1,4 @@
-"""What worker processes have in common, whoever starts them."""
+"""What worker processes have in common, whoever starts them, and how many are worth starting."""
 
 from __future__ import annotations
 
@@ -23,6 +23,14 @@ _ENVIRONMENT = {
 }
 
 _starting = threading.Lock()
+
+
+def usable_cores() -> int:
+    """Cores this process may run on."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
 
 
 class KnownProcesses(SpawnContext):

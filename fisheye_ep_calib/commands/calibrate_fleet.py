@@ -18,13 +18,13 @@ from fisheye_ep_calib.commands.fleet_devices import Device, find_devices
 from fisheye_ep_calib.commands.fleet_jobs import DeviceJob, Ended, run_jobs
 from fisheye_ep_calib.commands.fleet_table import Row, as_csv, as_text, device_rows, failed_row, is_finished, mark_odd
 from fisheye_ep_calib.commands.sources import add_looking_arguments, topics_given
-from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import InputError, Interrupted
 from fisheye_ep_calib.pipeline.writing import RECORD
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.target import Target, load_target
+from fisheye_ep_calib.worker_processes import usable_cores
 
 DESCRIPTION = """\
 Calibrate many devices of one kind, each from its own recording, with one target.

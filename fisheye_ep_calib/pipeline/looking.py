@@ -17,7 +17,6 @@ from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.collection.progress import OnProgress, seldom, unheard
-from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.errors import InputError, Interrupted
 from fisheye_ep_calib.pipeline.camera_source import CameraSource, source_of_run, sources_of_files
 from fisheye_ep_calib.pipeline.found_so_far import Log, keeping_what_was_found
@@ -25,6 +24,7 @@ from fisheye_ep_calib.pipeline.names import Topics, named_topics
 from fisheye_ep_calib.pipeline.options import LOOK_OPTIONS, refuse_unknown_options
 from fisheye_ep_calib.storage.recording import Recording, open_recording
 from fisheye_ep_calib.target import Target, load_target
+from fisheye_ep_calib.worker_processes import usable_cores
 
 _log = logging.getLogger(__name__)
 Path_ = str | PathLike[str]

@@ -13,8 +13,7 @@ from std_msgs.msg import Header, String
 
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
-from fisheye_ep_calib.ros.camera_info_message import camera_info_message
-from fisheye_ep_calib.ros.picture_message import picture_message
+from fisheye_ep_calib.ros.messages import camera_info_message, picture_message
 from fisheye_ep_calib.ros.quality import LATCHED, LATCHED_STREAM
 from fisheye_ep_calib.storage.pictures import Picture
 

@@ -12,7 +12,7 @@ from sensor_msgs.srv import SetCameraInfo
 from fisheye_ep_calib.live.answer import Answer
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.settings import CameraSettings
-from fisheye_ep_calib.ros.camera_info_message import camera_info_message
+from fisheye_ep_calib.ros.messages import camera_info_message
 from fisheye_ep_calib.ros.patient_node import PatientNode
 
 PATIENCE = 5.0  # seconds for the drivers to be there, and for each one's answer

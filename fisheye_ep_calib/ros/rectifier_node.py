@@ -11,12 +11,11 @@ from std_msgs.msg import Header
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.rectification import rectified_camera_info
-from fisheye_ep_calib.ros.camera_info_message import camera_info_message
 from fisheye_ep_calib.ros.image_intake import ImageIntake
 from fisheye_ep_calib.ros.latest_worker import LatestWorker
+from fisheye_ep_calib.ros.messages import camera_info_message, picture_message
 from fisheye_ep_calib.ros.node_announcer import announcer_of
 from fisheye_ep_calib.ros.parameter_table import ParameterTable, node_with_what_was_given
-from fisheye_ep_calib.ros.picture_message import picture_message
 from fisheye_ep_calib.ros.rectifier_parameters import declare, distance
 from fisheye_ep_calib.storage.pictures import Picture, decode_compressed_picture, decode_depth, decode_picture
 

@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from fisheye_ep_calib.cores import usable_cores
 from fisheye_ep_calib.simulation.bag import StampedImage
 from fisheye_ep_calib.simulation.rendering import PLAIN, Imaging, render
 from fisheye_ep_calib.simulation.scene_camera import SceneCamera
 from fisheye_ep_calib.target import Target
-from fisheye_ep_calib.worker_processes import inherited_by_workers
+from fisheye_ep_calib.worker_processes import inherited_by_workers, usable_cores
 
 _views: list[View] = []
 

@@ -13,7 +13,6 @@ PACKAGE = REPOSITORY / "fisheye_ep_calib"
 SHARED = {
     "arrays",
     "errors",
-    "cores",
     "rotation",
     "worker_processes",
     "yaml_file",

@@ -1,14 +1,21 @@
-"""Pictures to image messages."""
+"""Plain data to messages."""
 
 from __future__ import annotations
 
 import array
+from dataclasses import asdict
 
 import numpy as np
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
+from fisheye_ep_calib.camera.camera_info import PlainCameraInfo
 from fisheye_ep_calib.storage.pictures import Picture
+
+
+def camera_info_message(info: PlainCameraInfo) -> CameraInfo:
+    """A sensor_msgs/CameraInfo without its header."""
+    return CameraInfo(**asdict(info))
 
 
 def picture_message(picture: Picture, header: Header) -> Image:
