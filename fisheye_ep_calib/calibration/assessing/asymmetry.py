@@ -18,6 +18,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.estimating.adjustment import shared_jacobian
 from fisheye_ep_calib.calibration.estimating.fit import Fit
@@ -110,7 +111,8 @@ def _with_columns(fit: Fit, columns: Columns) -> NormalEquations:
 
 def _in_camera(poses: np.ndarray, points: np.ndarray, which: np.ndarray) -> np.ndarray:
     """Points (3, B, N), camera frame, of points (n, 3) of the target through poses (B, 4, 4); which (B, N)."""
-    return np.einsum("bij,bnj->ibn", poses[:, :3, :3], points[which]) + poses[:, :3, 3].T[..., None]
+    in_camera: FloatArray = np.einsum("bij,bnj->ibn", poses[:, :3, :3], points[which]) + poses[:, :3, 3].T[..., None]
+    return in_camera
 
 
 def _across(points: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

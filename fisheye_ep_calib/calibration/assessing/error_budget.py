@@ -9,6 +9,7 @@ source may pass for another in part; together, as squares, they come near the RM
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -79,7 +80,7 @@ def error_budget(fit: Fit) -> ErrorBudget:
     variances, posterior = models[best]
     count, unit = linearisation.point_count, fit.sightings.usual_weight
 
-    def share(groups) -> float:
+    def share(groups: Sequence[str]) -> float:
         return float(np.sqrt(linearisation.visible(variances, posterior, groups) / count)) / unit
 
     return ErrorBudget(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class NuisanceModel:
 
 def joint_linearisation(fit: Fit) -> JointLinearisation:
     """At a fit, whatever of shape, views and lens field it has: all of them free. It is kept with the fit."""
-    kept: dict = vars(fit)
+    kept: dict[str, Any] = vars(fit)
     if _KEPT not in kept:
         kept[_KEPT] = linearised_jointly(fit)
     found: JointLinearisation = kept[_KEPT]
