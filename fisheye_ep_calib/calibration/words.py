@@ -16,6 +16,7 @@ from fisheye_ep_calib.calibration.selecting.pupil_verdict import DOUBTFUL, FEWES
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 
 GOOD, CAUTION, BAD = "good", "caution", "bad"
+_USE = {GOOD: "Use it.", CAUTION: "Use it with care.", BAD: "Do not use it."}
 _LARGE_RMS = 1.0  # px; a target that is found well leaves less
 _OVERFIT = 1.25  # held-out RMS over RMS
 _NEAR_FAR = "near_far"
@@ -30,6 +31,11 @@ class Verdict:
     headline: str
     sentences: tuple[str, ...]
     next_steps: tuple[str, ...]
+
+    @property
+    def use(self) -> str:
+        """Whether to use the camera, in a word or two."""
+        return _USE[self.level]
 
     def __str__(self) -> str:
         return self.headline

@@ -20,6 +20,7 @@ def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
         mark = "  ← chosen" if name == result.model else ""
         lines.append(f"  {name:<12}{one.rms_px:>9.4f}{one.cross_validated_rms_px:>13.4f}{one.parameters:>12}{mark}")
     lines += [f"  {reason}" for reason in result.reasons]
+    lines.append(f"  {_intrinsics(result)}")
     if result.board.bends:
         lines.append(f"  the board: {result.board.sentence}")
     lines.append(f"  {pupil_sentence(result)}")
@@ -28,6 +29,14 @@ def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
     lines += [f"  {'!' if one.concern else '·'} {one.title}: {one.sentence}" for one in result.diagnosis.findings]
     lines.append(f"  {loss_sentence(result)}")
     return "\n".join(lines)
+
+
+def _intrinsics(result: CalibrationResult) -> str:
+    """fx, fy, cx and cy with their σ, px."""
+    sigma = np.sqrt(np.maximum(np.diag(result.uncertainty.covariance), 0))
+    known = dict(zip(result.camera.parameter_names, zip(result.camera.parameters, sigma, strict=True), strict=True))
+    told = (f"{name} {known[name][0]:.3f} ± {known[name][1]:.3f}" for name in ("fx", "fy", "cx", "cy"))
+    return ", ".join(told) + " px"
 
 
 def _not_used(camera: CameraSource, result: CalibrationResult) -> list[str]:

@@ -168,3 +168,29 @@ class CameraReport:
     reasons: tuple[str, ...] = ()
     board: BoardShape | None = None
     inputs: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def intrinsics(self) -> tuple[Parameter, ...]:
+        """What a person looks for first."""
+        wanted = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
+        return tuple(one for name in wanted for one in self.parameters if one.name == name)
+
+    @property
+    def pupil_explained(self) -> str:
+        """What an entrance pupil is and what this camera's does, for who never heard of one.
+
+        Told where E is clearest, that is at the angle at which |E| is most of its σ.
+        """
+        told = (
+            "Light enters a fisheye through a point that slides along the lens's axis, the more the farther off the "
+            "axis it comes from; E(θ) is by how much. It matters for what is close to the lens."
+        )
+        curve = next((one for one in self.models if one.chosen), None)
+        if curve is None or not np.any(curve.pupil):
+            return f"{told} In this camera all rays are taken to pass through one point."
+        clear = np.abs(curve.pupil) / np.where(curve.pupil_sigma > 0, curve.pupil_sigma, np.inf)
+        row = int(np.argmax(clear if clear.any() else np.abs(curve.pupil)))
+        shift, sigma = 1e3 * float(curve.pupil[row]), 1e3 * float(curve.pupil_sigma[row])
+        band = f" ± {sigma:.2g}" if sigma > 0 else ""
+        side = "nearer to the scene" if shift < 0 else "farther from the scene"
+        return f"{told} Rays {np.degrees(curve.theta[row]):.0f}° off the axis enter {abs(shift):.2g}{band} mm {side}."

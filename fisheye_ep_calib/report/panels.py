@@ -46,7 +46,8 @@ def _camera_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
             identity,
             "Entrance pupil E(θ)",
             pupil_figure(camera.models, identity),
-            "How far the pupil moves along the axis by the angle of incidence, with its 1σ band"
+            "How far the point through which rays enter moves along the axis, by the angle of incidence, with its 1σ "
+            "band (negative: toward the scene)"
             + (", for every model that was compared. Where the bands overlap, the models agree." if several else "."),
         )
     ]
@@ -56,7 +57,7 @@ def _camera_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
             identity,
             "Lens r(θ) against the equidistant",
             lens_figure(camera.lens, identity),
-            "What the lens departs from r = f θ, in pixels. Its 1σ band is at most "
+            "What the lens departs from r = f θ, in pixels, with its 1σ band in a lighter blue, at most "
             f"{camera.lens.sigma_px.max():.2g} px.",
         )
     )
@@ -79,26 +80,28 @@ def _camera_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
 def _residual_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
     identity = f"{prefix}-vectors"
     drawn, factor, mean_factor = residual_vectors_figure(camera.residuals, camera.rejected, camera.image_size, identity)
-    crosses = " Crosses are rejected points." if camera.rejected else ""
+    crosses = " Red crosses are rejected points." if camera.rejected else ""
     return (
         Panel(
             identity,
             "Over the image",
             drawn,
-            f"Every residual, {factor:g} times its size, and in orange the mean of each cell, {mean_factor:g} times. "
+            f"Blue: every residual, {factor:g} times its size; in orange the mean of each cell, {mean_factor:g} times. "
             f"Noise points everywhere; arrows that agree with their neighbours are an error of the model.{crosses}",
         ),
         Panel(
             f"{prefix}-by-angle",
             "Against the angle θ",
             residuals_by_angle_figure(camera.residuals, f"{prefix}-by-angle"),
-            "Dots: radial parts. A mean that leaves zero by more than its bar shows a lens the model does not follow.",
+            "Blue dots: radial parts; orange and green: means with their standard errors. "
+            "A mean that leaves zero by more than its bar shows a lens the model does not follow.",
         ),
         Panel(
             f"{prefix}-by-distance",
             "Against the distance",
             residuals_by_distance_figure(camera.residuals, f"{prefix}-by-distance"),
-            "Dots: lengths of residuals. An RMS that rises toward the near end tells of an entrance pupil that is "
+            "Blue dots: lengths of residuals; orange: their RMS. "
+            "An RMS that rises toward the near end tells of an entrance pupil that is "
             "missing or wrong, or of blur.",
         ),
     )
@@ -136,12 +139,14 @@ def _coverage_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
             f"{prefix}-coverage",
             "Coverage by angle and azimuth",
             coverage_figure(camera.coverage, f"{prefix}-coverage"),
-            f"Points by direction as seen in the image, the axis in the middle. {gaps}",
+            f"Points by direction as seen in the image, the axis in the middle; the scale tells how many a "
+            f"colour stands for. {gaps}",
         ),
         Panel(
             f"{prefix}-depth",
             "Coverage by angle and distance",
             distance_figure(camera.residuals, f"{prefix}-depth"),
+            "The scale tells how many points a colour stands for. "
             "The pupil is told from the lens where a column at a large angle is filled over a wide range of distances.",
         ),
     )
@@ -157,7 +162,7 @@ def _uncertainty_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
                 identity,
                 f"Projection uncertainty at {where}",
                 uncertainty_figure(one, camera.image_size, identity),
-                "Where noise alone may have moved a projected point, 1σ per axis. "
+                "Colours: 1σ per axis in pixels, by the scale. Where noise alone may have moved a projected point. "
                 "It knows nothing of errors of the model.",
             )
         )

@@ -129,7 +129,15 @@ def _page_sizes(page: str) -> list[tuple[float, float]]:
 
 def _describe(target: Target) -> str:
     columns, rows = getattr(target, "columns", 0), getattr(target, "rows", 0)
-    return f"{target.kind} {columns}×{rows}"
+    told = f"{target.kind} {columns}×{rows}" + (" inner corners" if target.kind == "chessboard" else "")
+    for name in ("spacing", "square_size", "marker_size", "tag_size", "tag_spacing"):
+        value = getattr(target, name, None)
+        if isinstance(value, float):
+            told += f", {name.replace('_', ' ')} {1e3 * value:g} mm" if name != "tag_spacing" else f", {value:g} apart"
+    if target.disc_radius:
+        told += f", radius {1e3 * target.disc_radius:g} mm"
+    dictionary = getattr(target, "dictionary", None)
+    return told + (f", {dictionary}" if isinstance(dictionary, str) else "")
 
 
 def ruler_bars(layout: Layout) -> np.ndarray:

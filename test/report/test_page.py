@@ -159,3 +159,27 @@ def test_arrows_and_colours_of_the_board_are_its_deviation():
     np.testing.assert_allclose(np.stack([arrows.U, arrows.V], -1), factor * 1e3 * deviation[:, :2])
     dots = next(one for one in axes.get_children() if isinstance(one, PathCollection))
     np.testing.assert_allclose(dots.get_array(), 1e3 * deviation[:, 2])
+
+
+def test_the_first_screen_has_the_intrinsics_and_says_what_to_do(page, report):
+    head = page.text[: page.text.index("Models")]
+    for one in report.intrinsics:
+        assert one.name in head and f"{one.value:.{3 if one.unit else 5}f}" in head.replace("−", "-")
+    assert {"fx", "fy", "cx", "cy", "k1", "k4"} <= {one.name for one in report.intrinsics}
+    assert report.verdict.use in ("Use it.", "Use it with care.", "Do not use it.") and report.verdict.use in head
+    assert "Green, amber and red" in head
+
+
+def test_an_entrance_pupil_is_explained_where_it_is_clearest(report):
+    chosen = next(one for one in report.models if one.chosen)
+    theta = np.radians([0.0, 30.0, 75.0])
+    curve = replace(chosen, theta=theta, pupil=np.array([0, -5e-4, -3.1e-3]), pupil_sigma=np.array([0, 4e-4, 9e-4]))
+    told = replace(report, models=(curve,)).pupil_explained
+    assert "Rays 75° off the axis enter 3.1 ± 0.9 mm nearer to the scene." in told
+    assert "through one point" in replace(report, models=(replace(curve, pupil=np.zeros(3)),)).pupil_explained
+
+
+def test_figures_and_pictures_have_alternative_text(page):
+    figures = [found for _, found in page.tags if found.get("role") == "img"]
+    assert len(figures) >= 10 and all(len(found["aria-label"]) > 40 for found in figures)
+    assert all(found["alt"] for tag, found in page.tags if tag == "img")

@@ -18,6 +18,7 @@ from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimut
 from fisheye_ep_calib.calibration.assessing.extent import smaller_lattice
 from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.assessing.nuisance_models import joint_linearisation
+from fisheye_ep_calib.calibration.assessing.pixel_shape import pixels_not_square
 from fisheye_ep_calib.calibration.assessing.two_cameras import PARAMETERS, two_cameras
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.assessing.view_changes import changes_found, view_changes
@@ -88,6 +89,7 @@ def diagnose(
         *_correlated_residuals(uncertainty(fit).clustering),
         *_copies(len(fit.sightings.images), same_place or {}),
         *_two_cameras(fit, names),
+        pixels_not_square(camera),
         *_squares_counted(fit),
         *_units(distance, camera),
         *_view_changes(fit),

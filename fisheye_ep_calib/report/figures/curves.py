@@ -78,6 +78,7 @@ def draw_stand_in(axes: Axes, stand_in: StandInLoss) -> None:
     axes.margins(x=0.12, y=0.15)
     axes.minorticks_off()
     plain = FuncFormatter(lambda value, _: f"{value:g}")
+    axes.set_xticks(distance[np.isfinite(distance)])
     axes.xaxis.set_major_formatter(plain)
     axes.yaxis.set_major_formatter(plain)
     axes.set(xlabel="distance, m", ylabel="RMS lost over the image, px")
