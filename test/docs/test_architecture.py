@@ -50,6 +50,28 @@ def test_a_room_knows_what_is_drawn(room):
     assert imported(room) == drawn().get(room, set()), f"{room}: draw the new arrow or take the old one out"
 
 
+def drawn_inside() -> dict[str, set[str]]:
+    """Room within a room → rooms beside it that it may know, from the second drawing."""
+    text = (REPOSITORY / "docs" / "architecture.md").read_text("utf-8")
+    arrows = re.findall(r"^(\w+/\w+) ─+► (.*)$", text, re.MULTILINE)
+    return {room: set(re.findall(r"\w+", others)) - {"none"} for room, others in arrows}
+
+
+def test_rooms_within_rooms_know_what_is_drawn():
+    rooms = {
+        f"{outer}/{path.parent.name}"
+        for outer in ("calibration", "target")
+        for path in PACKAGE.glob(f"{outer}/*/__init__.py")
+    }
+    known = {}
+    for room in rooms:
+        outer, inner = room.split("/")
+        names = "".join(path.read_text(encoding="utf-8") for path in (PACKAGE / room).rglob("*.py"))
+        beside = set(re.findall(rf"^\s*from fisheye_ep_calib\.{outer}\.(\w+)", names, re.MULTILINE))
+        known[room] = {name for name in beside - {inner} if f"{outer}/{name}" in rooms}
+    assert known == drawn_inside()
+
+
 def test_the_core_needs_no_ros():
     for room in drawn().keys() - {"ros", "commands"}:
         for path in (PACKAGE / room).rglob("*.py"):
