@@ -319,7 +319,9 @@ def _two_cameras(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
 def _view_changes(fit: Fit) -> tuple[Finding, ...]:
     """Whether the board bent between views, or something moved while the shutter rolled."""
     try:
-        return changes_found(view_changes(joint_linearisation(fit)))
+        return changes_found(
+            view_changes(joint_linearisation(fit)), fit.problem.effects.names if fit.problem.effects else ()
+        )
     except np.linalg.LinAlgError:  # the views leave something open
         return ()
 

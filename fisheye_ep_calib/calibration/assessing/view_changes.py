@@ -6,6 +6,7 @@ told, and only where it gains enough over a board and a camera that stay as they
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,8 +53,10 @@ def view_changes(linearisation: JointLinearisation) -> ViewChanges:
     return ViewChanges(gain, deviation, visible)
 
 
-def changes_found(changes: ViewChanges) -> tuple[Finding, Finding]:
-    """``board_flexes`` and ``rolling_shutter``."""
+def changes_found(changes: ViewChanges, estimated: Collection[str] = ()) -> tuple[Finding, Finding]:
+    """``board_flexes`` and ``rolling_shutter``; estimated: groups of which the fit has coefficients already."""
+    flex_option = "" if FLEX in estimated or IN_PLANE in estimated else "; --flex estimates it"
+    shutter_option = "" if TURN in estimated or SHIFT in estimated else "; --rolling-shutter estimates it"
     flex, stretch = (1e3 * changes.deviation[group] for group in (FLEX, IN_PLANE))
     turn, shift = np.degrees(changes.deviation[TURN]), 1e3 * changes.deviation[SHIFT]
     return (
@@ -62,7 +65,7 @@ def changes_found(changes: ViewChanges) -> tuple[Finding, Finding]:
             "board_flexes",
             {"flex_mm": flex, "in_plane_mm": stretch},
             f"the board bent between views (by {flex:.2f} mm, in its plane by {stretch:.2f} mm), which moves its "
-            "points by {:.2f} px: use a stiff one; --flex estimates it",
+            "points by {:.2f} px: use a stiff one" + flex_option,
             "the board keeps its shape from view to view",
         ),
         _finding(
@@ -70,7 +73,7 @@ def changes_found(changes: ViewChanges) -> tuple[Finding, Finding]:
             "rolling_shutter",
             {"turn_deg": turn, "shift_mm": shift},
             f"camera or board moved while the shutter rolled (by {turn:.2f}° and {shift:.2f} mm within an image), "
-            "which moves the points by {:.2f} px: hold both still; --rolling-shutter estimates it",
+            "which moves the points by {:.2f} px: hold both still" + shutter_option,
             "nothing moved while the shutter rolled, or it does not roll",
         ),
     )
