@@ -58,11 +58,11 @@ def assemble(
     Raises CalibrationError where the views do not join all cameras.
     """
     moments = np.where(_has_pose(cameras, moments), moments, -1)
-    found = relative_poses(cameras, moments, symmetries)
-    pairs = {pair: pose for pair, pose in found.items() if enough_agree(pose.views, pose.common)}
+    relative = relative_poses(cameras, moments, symmetries)
+    pairs = {pair: pose for pair, pose in relative.items() if enough_agree(pose.views, pose.common)}
     chains = join(pairs, len(cameras))
     if chains is None:
-        raise ContradictoryViews(_not_joined(names, found, pairs, moments))
+        raise ContradictoryViews(_not_joined(names, relative, pairs, moments))
     for camera, before in enumerate(chains.before):
         if before >= 0 and pairs[min(camera, before), max(camera, before)].ambiguous:
             raise CalibrationError(
@@ -120,13 +120,13 @@ def _has_pose(cameras: Sequence[CameraPoses], moments: np.ndarray) -> np.ndarray
 
 def _not_joined(
     names: Sequence[str],
-    found: dict[tuple[int, int], PairPose],
+    relative: dict[tuple[int, int], PairPose],
     pairs: dict[tuple[int, int], PairPose],
     moments: np.ndarray,
 ) -> str:
     sentences = [
         contradiction(names[a], names[b], pose.views, pose.common)
-        for (a, b), pose in found.items()
+        for (a, b), pose in relative.items()
         if (a, b) not in pairs
     ]
     if sentences:

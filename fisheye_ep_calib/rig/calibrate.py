@@ -76,35 +76,35 @@ def calibrate_rig(
     """
     _check(cameras)
     bow = np.zeros(len(WARP_NAMES)) if board_warp is None else np.asarray(board_warp, dtype=float)
-    board = known_board([one.observations.board for one in cameras])
-    poses = [_poses(one, bow, board) for one in cameras]
+    board = known_board([rig_camera.observations.board for rig_camera in cameras])
+    poses = [_poses(rig_camera, bow, board) for rig_camera in cameras]
     points = cameras[0].observations.object_points
     turns = no_symmetry(points) if unmistakable else symmetries(points)
-    names = [one.name for one in cameras]
-    of_poses = [one.camera_from_target for one in poses]
+    names = [rig_camera.name for rig_camera in cameras]
+    of_poses = [of_camera.camera_from_target for of_camera in poses]
 
     def clocks() -> list[int | None]:
-        stamps = [one.stamps_ns for one in cameras]
+        stamps = [rig_camera.stamps_ns for rig_camera in cameras]
         return clocks_of_rig(stamps, of_poses, turns, points, round(tolerance * 1e9))
 
     clock = clocks() if find_clocks else [0] * len(cameras)
-    corrected = [_by_first_clock(one, names[0], ns) for one, ns in zip(cameras, clock, strict=True)]
+    corrected = [_by_first_clock(rig_camera, names[0], ns) for rig_camera, ns in zip(cameras, clock, strict=True)]
     try:
         assembly = assemble(poses, names, _moments(corrected, tolerance), turns, keep_single=free_cameras)
-        found, assembly, problem, wrong = _fit(cameras, assembly, bow, free_cameras, warp_free)
+        minimum, assembly, problem, wrong = _fit(cameras, assembly, bow, free_cameras, warp_free)
     except ContradictoryViews as error:
         raise CalibrationError(f"{error}{'' if find_clocks else _said_of_clocks(names, clocks())}") from None
-    known = None if free_cameras else [one.covariance for one in cameras]
-    return _result(cameras, assembly, problem, found, wrong, known, tuple(ns or 0 for ns in clock))
+    covariances = None if free_cameras else [rig_camera.covariance for rig_camera in cameras]
+    return _result(cameras, assembly, problem, minimum, wrong, covariances, tuple(ns or 0 for ns in clock))
 
 
-def _by_first_clock(one: RigCamera, first: str, offset_ns: int | None) -> RigCamera:
+def _by_first_clock(rig_camera: RigCamera, first: str, offset_ns: int | None) -> RigCamera:
     if offset_ns is None:
         raise CalibrationError(
-            f"no constant difference of the clocks makes the views of {one.name} and {first} agree, or the target "
-            "moved too little to tell: move it more where both see it"
+            f"no constant difference of the clocks makes the views of {rig_camera.name} and {first} agree, or the "
+            "target moved too little to tell: move it more where both see it"
         )
-    return replace(one, stamps_ns=np.asarray(one.stamps_ns, dtype=np.int64) - offset_ns)
+    return replace(rig_camera, stamps_ns=np.asarray(rig_camera.stamps_ns, dtype=np.int64) - offset_ns)
 
 
 def _said_of_clocks(names: Sequence[str], clocks: Sequence[int | None]) -> str:
@@ -121,11 +121,14 @@ def _fit(
     cameras: Sequence[RigCamera], assembly: Assembly, bow: np.ndarray, free_cameras: bool, warp_free: bool
 ) -> tuple[Minimum[RigState], Assembly, RigProblem, tuple[tuple[int, int], ...]]:
     """The adjusted rig, and what it was adjusted to once views that contradict the others were left out."""
-    names = [one.name for one in cameras]
+    names = [rig_camera.name for rig_camera in cameras]
     refuse_contradictions(assembly, names)
-    free = [_free(one) if free_cameras else np.zeros(len(one.camera.parameters), bool) for one in cameras]
+    free = [
+        _free(rig_camera) if free_cameras else np.zeros(len(rig_camera.camera.parameters), bool)
+        for rig_camera in cameras
+    ]
     state = RigState(
-        tuple(one.camera for one in cameras),
+        tuple(rig_camera.camera for rig_camera in cameras),
         assembly.chains.camera_from_reference,
         assembly.reference_from_target,
         bow,
@@ -142,26 +145,32 @@ def _fit(
 def _check(cameras: Sequence[RigCamera]) -> None:
     if len(cameras) < 2:
         raise InputError("a rig has two cameras at least")
-    if len({one.name for one in cameras}) < len(cameras):
+    if len({rig_camera.name for rig_camera in cameras}) < len(cameras):
         raise InputError("two cameras of the rig have the same name")
     first = cameras[0].observations
-    for one in cameras:
-        seen = one.observations
-        if not np.array_equal(seen.object_points, first.object_points) or seen.disc_radius != first.disc_radius:
-            raise InputError(f"{cameras[0].name} and {one.name} were shown different targets")
-        if len(one.stamps_ns) < len(seen.image_names):
-            raise InputError(f"{one.name}: there are fewer stamps than images")
+    for rig_camera in cameras:
+        observations = rig_camera.observations
+        if (
+            not np.array_equal(observations.object_points, first.object_points)
+            or observations.disc_radius != first.disc_radius
+        ):
+            raise InputError(f"{cameras[0].name} and {rig_camera.name} were shown different targets")
+        if len(rig_camera.stamps_ns) < len(observations.image_names):
+            raise InputError(f"{rig_camera.name}: there are fewer stamps than images")
 
 
 def _moments(cameras: Sequence[RigCamera], tolerance: float) -> np.ndarray:
     """Image numbers (m, C) of what was seen at the same time, −1 for nothing."""
-    images = [np.unique(one.observations.image_index) for one in cameras]
-    stamps = [np.asarray(one.stamps_ns, dtype=np.int64)[seen] for one, seen in zip(cameras, images, strict=True)]
-    found = simultaneous(stamps, round(tolerance * 1e9))
-    moments = np.full_like(found, -1)
-    for camera, seen in enumerate(images):
-        has = found[:, camera] >= 0
-        moments[has, camera] = seen[found[has, camera]]
+    images = [np.unique(rig_camera.observations.image_index) for rig_camera in cameras]
+    stamps = [
+        np.asarray(rig_camera.stamps_ns, dtype=np.int64)[of_camera]
+        for rig_camera, of_camera in zip(cameras, images, strict=True)
+    ]
+    together = simultaneous(stamps, round(tolerance * 1e9))
+    moments = np.full_like(together, -1)
+    for camera, of_camera in enumerate(images):
+        has = together[:, camera] >= 0
+        moments[has, camera] = of_camera[together[has, camera]]
     if not ((moments >= 0).sum(axis=1) > 1).any():
         gaps = [
             (nearest_ns(stamps[a], stamps[b]) * 1e-9, cameras[a].name, cameras[b].name)
@@ -178,21 +187,21 @@ def _moments(cameras: Sequence[RigCamera], tolerance: float) -> np.ndarray:
     return moments
 
 
-def _poses(one: RigCamera, board_warp: np.ndarray, board: BoardShape | None) -> CameraPoses:
+def _poses(rig_camera: RigCamera, board_warp: np.ndarray, board: BoardShape | None) -> CameraPoses:
     try:
-        found = evaluate_camera(one.camera, one.observations, board_warp, board=board)
+        evaluation = evaluate_camera(rig_camera.camera, rig_camera.observations, board_warp, board=board)
     except CalibrationError as error:
-        raise type(error)(f"{one.name}: {error}") from None
-    poses = {int(image): pose for image, pose in zip(found.images, found.camera_from_target, strict=True)}
-    seen = one.observations.image_index[one.observations.weights > 0]
-    points = np.bincount(seen, minlength=len(one.observations.image_names))
-    return CameraPoses(one.observations, poses, points)
+        raise type(error)(f"{rig_camera.name}: {error}") from None
+    poses = {int(image): pose for image, pose in zip(evaluation.images, evaluation.camera_from_target, strict=True)}
+    image_index = rig_camera.observations.image_index[rig_camera.observations.weights > 0]
+    points = np.bincount(image_index, minlength=len(rig_camera.observations.image_names))
+    return CameraPoses(rig_camera.observations, poses, points)
 
 
-def _free(one: RigCamera) -> np.ndarray:
-    if one.covariance is None or not np.any(one.covariance):
-        return np.ones(len(one.camera.parameters), bool)
-    return np.diag(one.covariance) > 0
+def _free(rig_camera: RigCamera) -> np.ndarray:
+    if rig_camera.covariance is None or not np.any(rig_camera.covariance):
+        return np.ones(len(rig_camera.camera.parameters), bool)
+    return np.diag(rig_camera.covariance) > 0
 
 
 def _problem(assembly: Assembly, free: Sequence[np.ndarray], warp_free: bool) -> RigProblem:
@@ -205,8 +214,8 @@ def _problem(assembly: Assembly, free: Sequence[np.ndarray], warp_free: bool) ->
     first = assembly.observations[0]
     features = FeatureModel(board_frame(first.object_points), first.disc_radius)
     board = known_board([observations.board for observations in assembly.observations])
-    known = None if board is None else board.local
-    return RigProblem(tuple(views), features, bow_model(flat_model(first.object_points, known)), warp_free)
+    measured = None if board is None else board.local
+    return RigProblem(tuple(views), features, bow_model(flat_model(first.object_points, measured)), warp_free)
 
 
 def _lengths(problem: RigProblem, state: RigState) -> list[np.ndarray]:
@@ -253,42 +262,42 @@ def _result(
     cameras: Sequence[RigCamera],
     assembly: Assembly,
     problem: RigProblem,
-    found: Minimum[RigState],
+    minimum: Minimum[RigState],
     wrong: tuple[tuple[int, int], ...],
     covariances: Sequence[np.ndarray | None] | None,
     clock_offsets_ns: tuple[int, ...],
 ) -> RigCalibration:
-    state = found.state
-    lengths = [one[np.isfinite(one)] for one in _lengths(problem, state)]
-    points = sum(len(one) for one in lengths)
+    state = minimum.state
+    lengths = [length[np.isfinite(length)] for length in _lengths(problem, state)]
+    points = sum(len(length) for length in lengths)
     unknowns = problem.shared_size + 6 * problem.moment_count
     square = np.concatenate(lengths) ** 2
     variance, weight = noise_variance(problem.loss, square, 2 * points - unknowns)
-    known = [None] * len(cameras) if covariances is None else covariances
-    covariance = pose_covariance(problem, state, variance * weight, known)
+    of_files = [None] * len(cameras) if covariances is None else covariances
+    covariance = pose_covariance(problem, state, variance * weight, of_files)
     of_poses = np.zeros((len(cameras), 6, 6))
     for camera in range(1, len(cameras)):
         block = slice(6 * (camera - 1), 6 * camera)
         of_poses[camera] = of_inverse(state.camera_from_reference[camera], covariance[block, block])
-    seen = assembly.moments >= 0
+    sees = assembly.moments >= 0
     pairs = tuple(
-        RigPair(a, b, int((seen[:, a] & seen[:, b]).sum()), pair.disagreement)
+        RigPair(a, b, int((sees[:, a] & sees[:, b]).sum()), pair.disagreement)
         for (a, b), pair in sorted(assembly.pairs.items())
     )
-    names = [one.observations.image_names for one in cameras]
+    names = [rig_camera.observations.image_names for rig_camera in cameras]
     return RigCalibration(
-        names=tuple(one.name for one in cameras),
+        names=tuple(rig_camera.name for rig_camera in cameras),
         cameras=state.cameras,
         reference_from_camera=np.linalg.inv(state.camera_from_reference),
         covariance=of_poses,
         paths=tuple(assembly.chains.path(camera) for camera in range(len(cameras))),
         pairs=pairs,
         moments=len(assembly.moments),
-        views=tuple(int(count) for count in seen.sum(axis=0)),
+        views=tuple(int(count) for count in sees.sum(axis=0)),
         rms_px=float(np.sqrt(square.mean())),
-        camera_rms_px=tuple(float(np.sqrt((one**2).mean())) for one in lengths),
+        camera_rms_px=tuple(float(np.sqrt((length**2).mean())) for length in lengths),
         left_out=tuple((camera, names[camera][image]) for camera, image in (*assembly.left_out, *wrong)),
         board_warp=state.board_warp,
-        converged=found.converged,
+        converged=minimum.converged,
         clock_offsets_ns=clock_offsets_ns,
     )

@@ -77,21 +77,21 @@ def clocks_of_rig(
     stamps_ns: of each camera's images. camera_from_target: of each camera, image number → pose (4, 4).
     """
     images = [np.array(sorted(poses), dtype=int) for poses in camera_from_target]
-    stamps = [np.asarray(one, dtype=np.int64)[seen] for one, seen in zip(stamps_ns, images, strict=True)]
+    stamps = [np.asarray(one, dtype=np.int64)[of_camera] for one, of_camera in zip(stamps_ns, images, strict=True)]
     poses = [
-        np.array([of[image] for image in seen]).reshape(-1, 4, 4)
-        for of, seen in zip(camera_from_target, images, strict=True)
+        np.array([of[image] for image in of_camera]).reshape(-1, 4, 4)
+        for of, of_camera in zip(camera_from_target, images, strict=True)
     ]
     clocks: list[int | None] = [0] + [None] * (len(stamps) - 1)
     waiting = [0]
     while waiting:
-        known = waiting.pop(0)
+        settled = waiting.pop(0)
         for other in (number for number, clock in enumerate(clocks) if clock is None):
-            found = clock_offset(
-                stamps[known], poses[known], stamps[other], poses[other], symmetries, points, tolerance_ns
+            difference = clock_offset(
+                stamps[settled], poses[settled], stamps[other], poses[other], symmetries, points, tolerance_ns
             )
-            if found is not None:
-                clocks[other] = (clocks[known] or 0) + found.offset_ns
+            if difference is not None:
+                clocks[other] = (clocks[settled] or 0) + difference.offset_ns
                 waiting.append(other)
     return clocks
 
