@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.assessing.error_budget import ErrorBudget
 from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 from fisheye_ep_calib.calibration.words import Verdict
@@ -145,6 +146,7 @@ class CameraReport:
     unused: name of an image that is no view → why. facts: label → value, the figures at the head.
     inputs: label → value, where everything came from. reasons: how the model was chosen, a line each.
     board: the target's shape as it was found, or as it was taken; None where nothing is known of one.
+    budget: where the residuals come from.
     """
 
     name: str
@@ -167,6 +169,7 @@ class CameraReport:
     unused: dict[str, str] = field(default_factory=dict)
     reasons: tuple[str, ...] = ()
     board: BoardShape | None = None
+    budget: ErrorBudget | None = None
     inputs: dict[str, str] = field(default_factory=dict)
 
     @property

@@ -69,6 +69,7 @@ def calibration_report(
             },
         },
         reasons=result.reasons,
+        budget=result.error_budget,
         board=result.board,
         inputs=inputs or {},
     )

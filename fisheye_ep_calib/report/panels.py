@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fisheye_ep_calib.calibration.words import distance_text, sentence
 from fisheye_ep_calib.report.data import CameraReport
 from fisheye_ep_calib.report.figures.board import board_figure
+from fisheye_ep_calib.report.figures.budget import budget_figure
 from fisheye_ep_calib.report.figures.coverage import coverage_figure, distance_figure, uncertainty_figure
 from fisheye_ep_calib.report.figures.curves import lens_figure, near_far_figure, pupil_figure, stand_in_figure
 from fisheye_ep_calib.report.figures.residuals import (
@@ -39,9 +40,20 @@ def panels_of(camera: CameraReport, prefix: str) -> dict[str, tuple[Panel, ...]]
 
 
 def _camera_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
+    panels = []
+    if camera.budget is not None:
+        identity = f"{prefix}-budget"
+        panels.append(
+            Panel(
+                identity,
+                "Where the residuals come from",
+                budget_figure(camera.budget, identity),
+                f"What each source does to the points, RMS of (dx, dy) over all of them: {camera.budget.sentence}.",
+            )
+        )
     identity = f"{prefix}-pupil"
     several = len(camera.models) > 1
-    panels = [
+    panels.append(
         Panel(
             identity,
             "Entrance pupil E(θ)",
@@ -50,7 +62,7 @@ def _camera_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
             "band (negative: toward the scene)"
             + (", for every model that was compared. Where the bands overlap, the models agree." if several else "."),
         )
-    ]
+    )
     identity = f"{prefix}-lens"
     panels.append(
         Panel(

@@ -13,6 +13,7 @@ from known_scenes import CAMERA
 from fisheye_ep_calib.calibration.assessing.error_budget import ErrorBudget, error_budget
 from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, prepare, refine
 from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.report.figures.budget import budget_figure
 
 NOTHING = {"wave": 0.0, "flex": 0.0, "in_plane": 0.0, "turn": 0.0, "shift": 0.0, "noise": 0.0}
 MIXTURES = {
@@ -62,3 +63,10 @@ def test_what_would_help_most() -> None:
     assert "corner noise limits you" in advice(board_px=0.03)
     assert "use a stiff one" in advice(view_px=0.3)
     assert "shutter" in advice(view_px=0.3, rolling=True)
+
+
+def test_its_figure_has_a_bar_for_every_source() -> None:
+    shares = {"corner_noise_px": 0.14, "board_px": 0.38, "board_rough_px": 0.17, "lens_px": 0.07, "view_px": 0.12}
+    drawn = budget_figure(ErrorBudget(**shares), "budget")
+    for told in ("corner noise", "board, its shape", "board, single points", "lens", "from view to view", "0.380"):
+        assert told in drawn
