@@ -10,8 +10,10 @@ from typing import Any
 
 from fisheye_ep_calib.calibration import calibrate
 from fisheye_ep_calib.calibration.calibrate import AUTO, rough_camera
+from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.collection.progress import OnProgress, Progress, seldom, unheard
+from fisheye_ep_calib.collection.results import counted
 from fisheye_ep_calib.errors import CalibrationError, Interrupted
 from fisheye_ep_calib.pipeline.calibrated_camera import CalibratedCamera
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
@@ -125,7 +127,7 @@ def calibrate_cameras(
         except Interrupted:
             raise
         except CalibrationError as error:
-            yield camera, error
+            yield camera, _with_reasons(error, camera)
 
 
 def _calibrated(
@@ -145,6 +147,16 @@ def _calibrated(
     on_progress(Progress(f"{camera.name}: calibrating"))
     first = (camera.seconds, rough.seconds)
     return CalibratedCamera.of(calibrate(again.observations, model, **options), again, first)
+
+
+def _with_reasons(error: CalibrationError, camera: CameraSource) -> CalibrationError:
+    """The same error; where too few images are views, with every reason, counted."""
+    found = camera.found  # where there are no views at all the error tells the reasons by itself
+    if isinstance(found, CalibrationError) or found.view_count >= MIN_VIEWS or not camera.unused_views:
+        return error
+    told = type(error)(f"{error}; images not used: {counted(list(camera.unused_views.values()))}")
+    told.exit_code = error.exit_code
+    return told
 
 
 def none_calibrated(failures: list[CalibrationError]) -> CalibrationError:
