@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+_LINE_EACH = 10.0  # seconds between two lines where stderr is no terminal
 _SELDOM = 1.0  # seconds between two lines of the same step
 
 
@@ -51,32 +53,48 @@ def seldom(on_progress: OnProgress) -> OnProgress:
 
 
 class ProgressBars:
-    """Draws what it is called with as a bar a step, where stderr is a terminal; left, it ends the last bar."""
+    """Draws what it is called with as a bar a step where stderr is a terminal; elsewhere it prints a line each 10 s.
+
+    Left, it ends the last bar.
+    """
 
     def __init__(self) -> None:
         self._step = ""
         self._bar: Any = None
+        self._last = Progress("working")
+        self._left = threading.Event()
 
     def __enter__(self) -> ProgressBars:
+        if not sys.stderr.isatty():
+            threading.Thread(target=self._print_lines, args=(time.monotonic(),), daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._left.set()
+        self._end_bar()
+
+    def _print_lines(self, began: float) -> None:
+        while not self._left.wait(_LINE_EACH):
+            print(f"{self._last}; {time.monotonic() - began:.0f} s so far", file=sys.stderr, flush=True)
+
+    def _end_bar(self) -> None:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
 
     def __call__(self, now: Progress) -> None:
+        self._last = now
         if not now.total:
             return
         if self._bar is None or now.step != self._step:
-            self.__exit__()
+            self._end_bar()
             self._step, self._bar = now.step, progress_bar(what=now.step, total=now.total)
         self._bar.total = now.total
         if now.found is not None:
             self._bar.set_postfix(found=now.found, refresh=False)
         self._bar.update(now.done - self._bar.n)
         if now.done >= now.total:
-            self.__exit__()
+            self._end_bar()
 
 
 class _Silent:
