@@ -15,6 +15,7 @@ from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import DetectionRun
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline.names import safe_name
+from fisheye_ep_calib.storage.fingerprint import fingerprint
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target import Target
@@ -54,6 +55,9 @@ class CameraSource:
         inputs: dict[str, Any] = {"source": self.source, "image_size": list(self.observations.image_size)}
         if self.target:
             inputs["target"] = self.target
+        for name, path in (("source_hash", self.source), ("target_hash", self.target)):
+            if path and (told := fingerprint(path)):
+                inputs[name] = told
         if self.run is not None:
             inputs["topic"] = self.run.topic
             inputs["images_available"] = self.run.available
