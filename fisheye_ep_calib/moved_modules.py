@@ -31,7 +31,7 @@ _MOVED = {
         "target": "chessboard_detector corner_contrast=contrast corner_growth=growth corner_guidance=guidance "
         "corner_measurement=measurement corner_refinement=refinement saddle_fit"
     },
-    "target.markers": {"target": "aruco aprilgrid_detector charuco_detector marker_board marker_detection=detection"},
+    "target.markers": {"target": "aruco aprilgrid_detector charuco_detector marker_board marker_detection=search"},
     "camera": {"storage": "camera_info camera_info_file=camera_info"},
     "calibration": {"report": "verdict=words"},
     "pipeline": {"commands": "resuming=found_so_far"},

@@ -62,7 +62,8 @@ def test_the_pupil_helps_on_views_it_was_not_fitted_to(ov_plane) -> None:
 def test_the_verdict(shared_data, name, supported) -> None:
     result = calibrate(Observations.load(shared_data / name / "observations.npz"))
     assert result.entrance_pupil_supported == supported
-    assert (result.model != "kannala") == supported
+    answers = ("supported",) if supported else ("doubtful", "not distinguishable")
+    assert result.pupil_verdict.answer in answers
     assert np.any(result.board_warp)  # every one of these boards is bent
     assert result.comparison.keys() == {"kannala", "gennery", "ep_odd", "ep_even"}
 

@@ -20,10 +20,14 @@ from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 
 
 def parameter_steps(camera: FisheyeCamera) -> np.ndarray:
-    """(P,): 0.1 px, 0.01 of skew, 3e-4 of r by a lens coefficient, 1e-4 of an extra's, 3 µm of E, both at 100°."""
+    """(P,): 0.1 px, 0.01 of skew, 3e-4 of r by a lens coefficient, of an extra's coefficient 1e-4, or what moves
+    the image plane by 1e-5, 3 µm of E, both at 100°."""
     shifts = [abs(pupil(camera.model, np.radians(100), unit)) for unit in np.eye(len(camera.coefficients))]
     lens = 3e-4 / effect_of_coefficients(camera.lens, np.array(camera.radial))
-    extras = [1e-4 for name, values in camera.active_extras for _ in values]
+    extras = []
+    for name, values in camera.active_extras:
+        _, columns = LENS_EXTRAS[name].jacobian(np.array(1.0), np.array(0.7), values)
+        extras += [1e-4 * max(1.0, 0.1 / np.hypot(*column)) for column in np.moveaxis(columns, 1, 0)]
     return np.array([0.1, 0.1, 0.01, 0.1, 0.1, *lens, *extras, *[3e-6 / shift for shift in shifts]])
 
 

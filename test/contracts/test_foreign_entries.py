@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.timeout(900)  # whole cameras are calibrated with every foreign part
+
 TESTS = Path(__file__).resolve().parents[1]
 WRONG = (
     "wrong_sign",
@@ -33,7 +35,7 @@ def failures(where: str, which: str) -> list[str]:
         cwd=TESTS.parent,
         capture_output=True,
         text=True,
-        timeout=280,
+        timeout=800,
     )
     assert done.returncode in (0, 1), done.stdout + done.stderr
     assert int(re.search(r"(\d+) passed", done.stdout)[1]) > 50
@@ -42,7 +44,7 @@ def failures(where: str, which: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def failed() -> list[str]:
-    return failures("contracts", "right_ or wrong_")
+    return failures("contracts", "(right_ or wrong_) and not auto")
 
 
 @pytest.mark.parametrize("name", WRONG)

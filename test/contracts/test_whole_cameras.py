@@ -28,7 +28,8 @@ def camera_of(model: str = "kannala", lens: str = PLAIN_LENS, extra: str | None 
     shift = -1.2e-3 / max(terms, 1) / family.basis(np.array(np.pi / 2), terms)
     start = np.array(LENSES[lens].start_coefficients, dtype=float)
     radial = start + 0.01 / effect_of_coefficients(lens, start)
-    extras = {extra: (0.004, -0.006, 0.002, 0.001)[: len(LENS_EXTRAS[extra].coefficient_names)]} if extra else {}
+    count = len(LENS_EXTRAS[extra].coefficient_names) if extra else 0
+    extras = {extra: tuple(np.resize((0.004, -0.006, 0.002, 0.001), count).tolist())} if extra else {}
     return replace(
         CAMERA, model=model, lens=lens, extras=extras, radial=tuple(radial), coefficients=tuple(shift.tolist())
     )
