@@ -92,13 +92,13 @@ class Options:
         return Options(**given, extras=extras)
 
     def __post_init__(self) -> None:
-        known_values = (
+        choices = (
             ("disc_centers", self.disc_centers, DISC_CENTERS),
             ("loss", self.loss, LOSSES),
         )
-        for name, value, known in known_values:
-            if value not in known:
-                raise InputError(f"unknown {name} {value!r}; known: {', '.join(known)}")
+        for name, value, words in choices:
+            if value not in words:
+                raise InputError(f"unknown {name} {value!r}; known: {', '.join(words)}")
         if not self.svp_distance > 0:
             raise InputError(f"`svp_distance` must be positive, not {self.svp_distance:g} m")
 
@@ -364,8 +364,8 @@ def _why_refused(result: CalibrationResult) -> str | None:
     """Why the views leave the focal length open, by the bands as they are given; None where they do not."""
     if not _focal_length_determined(result.fit):
         return why_undetermined(result.fit)
-    known = result.uncertainty if result.choice else uncertainty(result.fit)
-    return why_unusable(result.fit, known)
+    parameters = result.uncertainty if result.choice else uncertainty(result.fit)
+    return why_unusable(result.fit, parameters)
 
 
 def _focal_length_determined(fit: Fit) -> bool:

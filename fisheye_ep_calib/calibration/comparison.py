@@ -30,66 +30,66 @@ class DistanceSummary:
         return self.rms_px > _BEYOND_NOISE * self.expected_px
 
 
-def summaries(found: CameraDifference) -> tuple[DistanceSummary, ...]:
+def summaries(difference: CameraDifference) -> tuple[DistanceSummary, ...]:
     """One a distance; NaN where the cameras share no pixel."""
     rows = []
-    for distance, length, sigma in zip(found.distance_m, found.length_px, found.sigma_px, strict=True):
-        seen = length[np.isfinite(length)]
-        if len(seen) == 0:
+    for distance, length, sigma in zip(difference.distance_m, difference.length_px, difference.sigma_px, strict=True):
+        finite = length[np.isfinite(length)]
+        if len(finite) == 0:
             rows.append(DistanceSummary(float(distance), *[float("nan")] * 5))
             continue
-        middle, high = np.quantile(seen, [0.5, 0.95])
+        middle, high = np.quantile(finite, [0.5, 0.95])
         rows.append(
             DistanceSummary(
-                float(distance), float(rms(length)), float(middle), float(high), float(seen.max()), float(rms(sigma))
+                float(distance), float(rms(length)), float(middle), float(high), float(finite.max()), float(rms(sigma))
             )
         )
     return tuple(rows)
 
 
-def agreement(found: CameraDifference, rows: tuple[DistanceSummary, ...]) -> tuple[bool | None, str]:
+def agreement(difference: CameraDifference, rows: tuple[DistanceSummary, ...]) -> tuple[bool | None, str]:
     """Whether the cameras agree within their uncertainties, None where neither brought one; and in words."""
     rows = tuple(row for row in rows if np.isfinite(row.rms_px))
     if not rows:
         return None, "The cameras share no part of the field at these distances."
     worst = max(rows, key=lambda row: row.rms_px)
-    if not any(found.known):
-        said = f"They differ by up to {worst.rms_px:.3g} px RMS, at {distance_text(worst.distance_m)}"
-        return None, f"{said}; neither file carries uncertainties to compare it with."
-    partly = "" if all(found.known) else " Only one of the files carries its uncertainty."
+    if not any(difference.covariances_given):
+        text = f"They differ by up to {worst.rms_px:.3g} px RMS, at {distance_text(worst.distance_m)}"
+        return None, f"{text}; neither file carries uncertainties to compare it with."
+    partly = "" if all(difference.covariances_given) else " Only one of the files carries its uncertainty."
     clear = [row for row in rows if row.beyond_noise]
     if not clear:
-        said = f"They agree within their uncertainties: {worst.rms_px:.3g} px RMS at most, at "
-        return True, f"{said}{distance_text(worst.distance_m)}.{partly}"
+        text = f"They agree within their uncertainties: {worst.rms_px:.3g} px RMS at most, at "
+        return True, f"{text}{distance_text(worst.distance_m)}.{partly}"
     worst = max(clear, key=lambda row: row.rms_px)
-    said = f"They differ by more than their uncertainties explain: {worst.rms_px:.3g} px RMS at "
-    said += f"{distance_text(worst.distance_m)}, where {worst.expected_px:.3g} px is expected."
-    return False, said + partly
+    text = f"They differ by more than their uncertainties explain: {worst.rms_px:.3g} px RMS at "
+    text += f"{distance_text(worst.distance_m)}, where {worst.expected_px:.3g} px is expected."
+    return False, text + partly
 
 
-def alignment_text(found: CameraDifference, alignment: str) -> str:
+def alignment_text(difference: CameraDifference, alignment: str) -> str:
     """What was taken out before the cameras were compared."""
     if alignment == "none":
         return "Nothing was aligned: the frames of both cameras are taken as they are."
-    angle = np.degrees(np.linalg.norm(found.rotation))
-    said = f"B was turned by {angle:.4f}° to agree best over all of these distances: "
-    said += "an orientation is no property of a camera."
+    angle = np.degrees(np.linalg.norm(difference.rotation))
+    text = f"B was turned by {angle:.4f}° to agree best over all of these distances: "
+    text += "an orientation is no property of a camera."
     if alignment == "rotation":
-        return said
-    return f"{said} Its origin was shifted by {1e3 * np.linalg.norm(found.shift):.4f} mm too."
+        return text
+    return f"{text} Its origin was shifted by {1e3 * np.linalg.norm(difference.shift):.4f} mm too."
 
 
-def comparison_content(found: CameraDifference, alignment: str) -> dict[str, Any]:
+def comparison_content(cameras: CameraDifference, alignment: str) -> dict[str, Any]:
     """What there is to say of the difference, in numbers, texts and lists of them: ``compare --json``."""
-    rows = summaries(found)
-    theta, difference, expected = by_ring(found)
-    agree, told = agreement(found, rows)
-    known = any(found.known)
+    rows = summaries(cameras)
+    theta, difference, expected = by_ring(cameras)
+    agree, told = agreement(cameras, rows)
+    expected_known = any(cameras.covariances_given)
     return {
         "alignment": alignment,
-        "rotation_rad": found.rotation.tolist(),
-        "shift_m": found.shift.tolist(),
-        "theta_max_deg": float(np.degrees(found.theta.max())),
+        "rotation_rad": cameras.rotation.tolist(),
+        "shift_m": cameras.shift.tolist(),
+        "theta_max_deg": float(np.degrees(cameras.theta.max())),
         "agree": agree,
         "verdict": told,
         "theta_deg": theta.tolist(),
@@ -100,22 +100,22 @@ def comparison_content(found: CameraDifference, alignment: str) -> dict[str, Any
                 "median_px": row.median_px,
                 "p95_px": row.p95_px,
                 "max_px": row.largest_px,
-                "expected_rms_px": row.expected_px if known else None,
+                "expected_rms_px": row.expected_px if expected_known else None,
                 "rms_by_theta_px": difference[index].tolist(),
-                "expected_rms_by_theta_px": expected[index].tolist() if known else None,
+                "expected_rms_by_theta_px": expected[index].tolist() if expected_known else None,
             }
             for index, row in enumerate(rows)
         ],
     }
 
 
-def by_ring(found: CameraDifference) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def by_ring(cameras: CameraDifference) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middles of rings (r,), degrees, and RMS over each of the difference and of its expectation (d, r), px."""
-    ring = (np.degrees(found.theta) // _RING_DEGREES).astype(int)
+    ring = (np.degrees(cameras.theta) // _RING_DEGREES).astype(int)
     rings = np.unique(ring)
-    columns = [ring == one for one in rings]
-    difference = np.stack([rms(found.length_px[:, column]) for column in columns], axis=-1)
-    expected = np.stack([rms(found.sigma_px[:, column]) for column in columns], axis=-1)
+    columns = [ring == number for number in rings]
+    difference = np.stack([rms(cameras.length_px[:, column]) for column in columns], axis=-1)
+    expected = np.stack([rms(cameras.sigma_px[:, column]) for column in columns], axis=-1)
     return _RING_DEGREES * (rings + 0.5), difference, expected
 
 

@@ -33,8 +33,8 @@ def calibration_content(result: CalibrationResult) -> dict[str, Any]:
         "converged": result.converged,
         "seconds": dict(result.seconds),
         "comparison": {
-            name: {"rms_px": one.rms_px, "cross_validated_rms_px": one.cross_validated_rms_px}
-            for name, one in result.comparison.items()
+            name: {"rms_px": entry.rms_px, "cross_validated_rms_px": entry.cross_validated_rms_px}
+            for name, entry in result.comparison.items()
         },
         "reasons": list(result.reasons),
         "board": result.board.to_dict(),
@@ -50,16 +50,16 @@ def calibration_content(result: CalibrationResult) -> dict[str, Any]:
         "findings": findings_content(findings),
         "diagnosis": [
             {
-                "name": _FORMER_TITLES.get(one.name, one.title),
-                "values": one.values,
-                "concern": one.concern,
-                "sentence": one.sentence,
+                "name": _FORMER_TITLES.get(entry.name, entry.title),
+                "values": entry.values,
+                "concern": entry.concern,
+                "sentence": entry.sentence,
             }
-            for one in findings
+            for entry in findings
         ],
     }
 
 
 def findings_content(findings: Iterable[Finding]) -> list[dict[str, Any]]:
     """name: as programs know it. raised: whether it limits the result. text: what it means and what to do."""
-    return [{"name": one.name, "raised": one.concern, "text": one.sentence} for one in findings]
+    return [{"name": finding.name, "raised": finding.concern, "text": finding.sentence} for finding in findings]

@@ -26,19 +26,19 @@ _STANDS_OUT = 2.5  # RMS of a view over that of the middle one
 _UNEVEN = 1.5  # RMS of the nearer over the farther third of the views, or the other way round
 
 
-def expected_rms(found: Evaluation, noise_px: float | None, camera_px2: float = 0.0) -> float | None:
+def expected_rms(evaluation: Evaluation, noise_px: float | None, camera_px2: float = 0.0) -> float | None:
     """What is to be expected with the poses refitted: √(2 σ² (2M − 6V)/(2M) + s²), px.
 
     noise_px: σ of one coordinate; None where it is not known. camera_px2: s², as ``camera_variance`` gives it.
     """
     if not isinstance(noise_px, int | float) or not noise_px > 0:
         return None
-    free = max(1 - 6 * len(found.images) / max(2 * found.points, 1), 0.1)
+    free = max(1 - 6 * len(evaluation.images) / max(2 * evaluation.points, 1), 0.1)
     return float(np.sqrt(2 * free * float(noise_px) ** 2 + camera_px2))
 
 
 def camera_variance(
-    found: Evaluation, observations: Observations, camera: FisheyeCamera, covariance: np.ndarray
+    evaluation: Evaluation, observations: Observations, camera: FisheyeCamera, covariance: np.ndarray
 ) -> float:
     """Mean over the points of what the camera's own uncertainty adds to dx² + dy², px², once poses are refitted.
 
@@ -46,12 +46,12 @@ def camera_variance(
     which leaves R J δ with R = 1 − P (Pᵀ P)⁻¹ Pᵀ and P the derivatives by the pose. Expected is tr(R J C Jᵀ) over all
     views. covariance (P, P): C, of camera.parameters.
     """
-    used = used_sightings(found, observations)
+    used = used_sightings(evaluation, observations)
     if not np.any(covariance) or not used.any():
         return 0.0
     camera = replace(camera, theta_max=np.pi)
     total = 0.0
-    for image, pose in zip(found.images, found.camera_from_target, strict=True):
+    for image, pose in zip(evaluation.images, evaluation.camera_from_target, strict=True):
         rows = observations.point_index[used & (observations.image_index == image)]
         points = observations.object_points[rows] @ pose[:3, :3].T + pose[:3, 3]
         _, valid, d_point, d_parameters = camera.project_with_jacobian(points)
@@ -63,23 +63,24 @@ def camera_variance(
 
 
 def evaluation_verdict(
-    found: Evaluation, expected_px: float | None, findings: tuple[Finding, ...], image_size: tuple[int, int]
+    evaluation: Evaluation, expected_px: float | None, findings: tuple[Finding, ...], image_size: tuple[int, int]
 ) -> Verdict:
     """Whether the camera holds. expected_px: as ``expected_rms`` gives it. BAD where the camera is plainly wrong."""
-    told = f"The residuals are {found.rms_px:.3f} px RMS over {found.points} points in {len(found.images)} views, "
+    told = f"The residuals are {evaluation.rms_px:.3f} px RMS over {evaluation.points} points in "
+    told += f"{len(evaluation.images)} views, "
     told += "every view's pose refitted and the camera as the file has it."
-    concerns = tuple(sentence(one.sentence) for one in findings if one.concern)
+    concerns = tuple(sentence(finding.sentence) for finding in findings if finding.concern)
     steps = concerns or ("Nothing stands out by distance, angle or view.",)
-    if expected_px is None and found.rms_px > _ABSURD * max(image_size):
+    if expected_px is None and evaluation.rms_px > _ABSURD * max(image_size):
         return Verdict(BAD, _WRONG, (told,), steps)
     if expected_px is None:
-        return Verdict(CAUTION, f"{found.rms_px:.3f} px RMS on this recording.", (told,), steps)
-    ratio = found.rms_px / expected_px
+        return Verdict(CAUTION, f"{evaluation.rms_px:.3f} px RMS on this recording.", (told,), steps)
+    ratio = evaluation.rms_px / expected_px
     compared = (
         f"The noise of its points and its own uncertainty lead to expect {expected_px:.3f} px: {ratio:.2f} times that "
         "was found."
     )
-    level, headline = _level(ratio, found.rms_px - expected_px, bool(concerns))
+    level, headline = _level(ratio, evaluation.rms_px - expected_px, bool(concerns))
     return Verdict(level, headline, (told, compared), steps)
 
 
@@ -96,36 +97,38 @@ def _level(ratio: float, excess_px: float, concerns: bool) -> tuple[str, str]:
     return GOOD, "The camera holds on this recording."
 
 
-def evaluation_findings(found: Evaluation, observations: Observations, theta_max: float) -> tuple[Finding, ...]:
+def evaluation_findings(evaluation: Evaluation, observations: Observations, theta_max: float) -> tuple[Finding, ...]:
     """theta_max: rad, where the calibration's evidence ends."""
-    used = used_sightings(found, observations)
-    _, distance = azimuth_and_distance(observations, found.images, found.camera_from_target, used)
-    square = (found.error[used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
-    findings = [_beyond_evidence(found.theta[used], theta_max), *_near_against_far(distance, square)]
-    findings.append(_worst_views(worst_views(found, observations, len(found.images))))
-    if count := len(found.failed):
+    used = used_sightings(evaluation, observations)
+    _, distance = azimuth_and_distance(observations, evaluation.images, evaluation.camera_from_target, used)
+    square = (evaluation.error[used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
+    findings = [_beyond_evidence(evaluation.theta[used], theta_max), *_near_against_far(distance, square)]
+    findings.append(_worst_views(worst_views(evaluation, observations, len(evaluation.images))))
+    if count := len(evaluation.failed):
         told = f"{count} views have no pose in this camera"
         findings.append(Finding("views_without_a_pose", {"views": float(count)}, True, told))
     return tuple(findings)
 
 
-def used_sightings(found: Evaluation, observations: Observations) -> np.ndarray:
+def used_sightings(evaluation: Evaluation, observations: Observations) -> np.ndarray:
     """(M,) bool: the observations that were measured."""
     used: BoolArray = (
-        np.isfinite(found.error[:, 0]) & (observations.weights > 0) & np.isin(observations.image_index, found.images)
+        np.isfinite(evaluation.error[:, 0])
+        & (observations.weights > 0)
+        & np.isin(observations.image_index, evaluation.images)
     )
     return used
 
 
-def worst_views(found: Evaluation, observations: Observations, most: int = _WORST) -> dict[str, float]:
+def worst_views(evaluation: Evaluation, observations: Observations, most: int = _WORST) -> dict[str, float]:
     """Name → RMS, px, of the views that are worst, the worst first."""
-    used = used_sightings(found, observations)
-    view = np.searchsorted(found.images, observations.image_index[used])
-    square = (found.error[used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
-    count = np.bincount(view, minlength=len(found.images))
-    rms = np.sqrt(np.bincount(view, weights=square, minlength=len(found.images)) / np.maximum(count, 1))
+    used = used_sightings(evaluation, observations)
+    view = np.searchsorted(evaluation.images, observations.image_index[used])
+    square = (evaluation.error[used] ** 2).sum(axis=-1) * observations.weights[used] ** 2
+    count = np.bincount(view, minlength=len(evaluation.images))
+    rms = np.sqrt(np.bincount(view, weights=square, minlength=len(evaluation.images)) / np.maximum(count, 1))
     order = np.argsort(-rms, kind="stable")[:most]
-    return {observations.image_names[int(found.images[row])]: float(rms[row]) for row in order}
+    return {observations.image_names[int(evaluation.images[row])]: float(rms[row]) for row in order}
 
 
 def _worst_views(rms: dict[str, float]) -> Finding:
@@ -169,7 +172,7 @@ def _near_against_far(distance: np.ndarray, square: np.ndarray) -> list[Finding]
 
 
 def evaluation_content(
-    found: Evaluation,
+    evaluation: Evaluation,
     observations: Observations,
     expected_px: float | None,
     verdict: Verdict,
@@ -177,15 +180,15 @@ def evaluation_content(
 ) -> dict[str, Any]:
     """What there is to say of an evaluation, in numbers, texts and lists of them: ``evaluate --json``."""
     return {
-        "rms_px": found.rms_px,
+        "rms_px": evaluation.rms_px,
         "expected_rms_px": expected_px,
-        "median_px": found.median_px,
-        "p95_px": found.p95_px,
-        "views": len(found.images),
-        "points": found.points,
-        "failed_views": [observations.image_names[image] for image in found.failed],
+        "median_px": evaluation.median_px,
+        "p95_px": evaluation.p95_px,
+        "views": len(evaluation.images),
+        "points": evaluation.points,
+        "failed_views": [observations.image_names[image] for image in evaluation.failed],
         "verdict": verdict.headline,
         "verdict_level": verdict.level,
-        "worst_views": worst_views(found, observations),
+        "worst_views": worst_views(evaluation, observations),
         "findings": findings_content(findings),
     }

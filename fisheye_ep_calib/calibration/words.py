@@ -101,7 +101,7 @@ def loss_sentence(result: CalibrationResult) -> str:
 
 def calibration_verdict(result: CalibrationResult) -> Verdict:
     findings = result.diagnosis.findings
-    concerns = [one for one in findings if one.concern]
+    concerns = [finding for finding in findings if finding.concern]
     level, headline = _headline(result, concerns)
     sentences = [
         *([sentence(f"refused: {result.refused}")] if result.refused else []),
@@ -114,7 +114,7 @@ def calibration_verdict(result: CalibrationResult) -> Verdict:
             f"An RMS over {_LARGE_RMS:g} px is large: check that the target file describes the printed target, that it "
             "is flat, and that the images are sharp."
         )
-    steps = tuple(sentence(one.sentence) for one in concerns)
+    steps = tuple(sentence(finding.sentence) for finding in concerns)
     if not concerns:
         steps = ("Nothing is missing: coverage, depth and the near/far split raise no concern.",)
     return Verdict(level, headline, tuple(sentences), steps)
@@ -125,7 +125,7 @@ def _headline(result: CalibrationResult, concerns: list[Finding]) -> tuple[str, 
         return BAD, "The fit did not converge: do not use this camera."
     if result.refused:
         return BAD, "Refused, and made all the same: do not use this camera."
-    hidden = next((one for one in concerns if one.name == _NEAR_FAR), None)
+    hidden = next((finding for finding in concerns if finding.name == _NEAR_FAR), None)
     if hidden is not None:
         return CAUTION, (
             f"Fits at the distances recorded, but {hidden.values['difference_px']:.2f} px of error may show at others."
@@ -154,12 +154,12 @@ def _uncertainty_sentences(table: ProjectionTable) -> list[str]:
     inner, outer = min(3, len(table.theta_deg) - 1), len(table.theta_deg) - 1
     near, far = 0, int(np.argmax(table.distance_m))
     degrees = [f"{table.theta_deg[row]:.0f}°" for row in (inner, outer)]
-    said = [
+    moves = [
         f"at {distance_text(table.distance_m[column])} by {table.sigma_px[inner, column]:.2g} px {degrees[0]} off the "
         f"axis and by {table.sigma_px[outer, column]:.2g} px at {degrees[1]}"
         for column in (near, far)
     ]
-    return [f"What the residuals leave open (1σ) moves a projected point {said[0]}; {said[1]}."]
+    return [f"What the residuals leave open (1σ) moves a projected point {moves[0]}; {moves[1]}."]
 
 
 def distance_text(distance_m: float) -> str:

@@ -94,15 +94,15 @@ class Collector:
         self._open_log(topics)
         counts = {topic: self._recording.count(topic) for topic in topics}
         first = {topic: first_look(counts[topic], choice) for topic in topics}
-        seen: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
+        looked_at: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
         expected = sum(min(count, max(choice.max_views, len(first[topic]))) for topic, count in counts.items())
 
         def next_jobs(topic: str) -> list[Job]:
-            return [Job(topic, index) for index in self._next_look(seen[topic], counts[topic], choice)]
+            return [Job(topic, index) for index in self._next_look(looked_at[topic], counts[topic], choice)]
 
         jobs = {topic: [Job(topic, index) for index in first[topic]] for topic in topics}
-        interrupted = self._look(_SEARCH, expected, jobs, seen, next_jobs, self._log)
-        return self._runs(seen, interrupted)
+        interrupted = self._look(_SEARCH, expected, jobs, looked_at, next_jobs, self._log)
+        return self._runs(looked_at, interrupted)
 
     def collect_moments(self, topics: Sequence[str], moments: np.ndarray, most: int) -> dict[str, DetectionRun]:
         """Look at images that several cameras took at the same time: some moments, then those next to shared views.
@@ -111,22 +111,24 @@ class Collector:
         Ends as ``collect`` does.
         """
         self._open_log(topics)
-        seen: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
+        looked_at: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
 
         def jobs_of(rows: np.ndarray) -> list[Job]:
             pairs = [(c, int(image)) for row in rows for c, image in enumerate(moments[row]) if image >= 0]
             return [Job(topics[c], image) for c, image in pairs]
 
         def next_jobs(_: str) -> list[Job]:
-            results = [[seen[topic].get(image) for topic, image in zip(topics, row, strict=True)] for row in moments]
+            results = [
+                [looked_at[topic].get(image) for topic, image in zip(topics, row, strict=True)] for row in moments
+            ]
             looked = np.array([any(row) for row in results])
-            shared = np.array([sum(bool(result and result.found) for result in row) > 1 for row in results])
+            shared = np.array([sum(bool(result and result.is_view) for result in row) > 1 for row in results])
             return jobs_of(next_moments(looked, shared, most))
 
         first = jobs_of(first_moments(len(moments), most))
         expected = min(most, len(moments)) * len(topics)
-        interrupted = self._look(_SEARCH, expected, {_ALL: first}, seen, next_jobs, self._log, lambda topic: _ALL)
-        return self._runs(seen, interrupted)
+        interrupted = self._look(_SEARCH, expected, {_ALL: first}, looked_at, next_jobs, self._log, lambda topic: _ALL)
+        return self._runs(looked_at, interrupted)
 
     def refine(self, guides: Sequence[Guide]) -> dict[str, DetectionRun]:
         """Look again, where a first calibration says the target is, at the views that have a pose.
@@ -141,11 +143,11 @@ class Collector:
             ]
             for guide in guides
         }
-        found: dict[str, dict[int, FrameResult]] = {guide.run.topic: {} for guide in guides}
-        interrupted = self._look("looking again", sum(map(len, jobs.values())), jobs, found)
+        looked_at: dict[str, dict[int, FrameResult]] = {guide.run.topic: {} for guide in guides}
+        interrupted = self._look("looking again", sum(map(len, jobs.values())), jobs, looked_at)
         refined = {}
         for guide in guides:
-            again = {index: frame for index, frame in found[guide.run.topic].items() if frame.found}
+            again = {index: frame for index, frame in looked_at[guide.run.topic].items() if frame.is_view}
             frames = tuple(again.get(frame.index, frame) for frame in guide.run.frames)
             refined[guide.run.topic] = replace(
                 guide.run, frames=frames, interrupted=guide.run.interrupted or interrupted
@@ -157,12 +159,12 @@ class Collector:
         step: str,
         expected: int,
         jobs: Mapping[str, Sequence[Job]],
-        seen: dict[str, dict[int, FrameResult]],
+        looked_at: dict[str, dict[int, FrameResult]],
         next_jobs: Callable[[str], Sequence[Job]] = lambda topic: (),
         log: DetectionLog | None = None,
         part_of: Callable[[str], str] = lambda topic: topic,
     ) -> bool:
-        """Fill in ``seen``, topic by topic in rounds; while one is planned the others' go on. True if interrupted.
+        """Fill in ``looked_at``, topic by topic in rounds; while one is planned the others' go on. True if interrupted.
 
         expected: how many images the step may come to look at. part_of: topics of the same part, of which ``jobs`` has
         the first rounds, are seen in common rounds. next_jobs: a part's next round, once it has been seen whole; none
@@ -172,21 +174,21 @@ class Collector:
         looked = views = 0
         try:
             self._on_progress(Progress(step, 0, expected, 0))
-            known = deque(result for round_of in jobs.values() for result in self._begin(round_of, log))
-            while (result := known.popleft() if known else self._workers.next_result()) is not None:
+            at_hand = deque(result for round_of in jobs.values() for result in self._begin(round_of, log))
+            while (result := at_hand.popleft() if at_hand else self._workers.next_result()) is not None:
                 part = part_of(result.topic)
-                self._note(result, seen[result.topic], log)
-                looked, views = looked + 1, views + result.found
+                self._note(result, looked_at[result.topic], log)
+                looked, views = looked + 1, views + result.is_view
                 if looked < expected:
                     self._on_progress(Progress(step, looked, expected, views))
                 left[part] -= 1
                 if left[part] == 0:
                     of_one_size = all(
-                        sizes_differ(_in_order(seen[one])) is None for one in seen if part_of(one) == part
+                        sizes_differ(_in_order(looked_at[name])) is None for name in looked_at if part_of(name) == part
                     )
                     following = next_jobs(part) if of_one_size else ()
                     left[part] = len(following)
-                    known.extend(self._begin(following, log))
+                    at_hand.extend(self._begin(following, log))
             self._on_progress(Progress(step, looked, looked, views))  # what else was expected promised nothing new
         except KeyboardInterrupt:
             self._workers.close()
@@ -198,9 +200,9 @@ class Collector:
             key = search_key(self._recording, topics, self._target)
             self._log = DetectionLog(self._log_path, key, self._recording.fingerprint, self._resume)
 
-    def _runs(self, seen: Mapping[str, Mapping[int, FrameResult]], interrupted: bool) -> dict[str, DetectionRun]:
+    def _runs(self, looked_at: Mapping[str, Mapping[int, FrameResult]], interrupted: bool) -> dict[str, DetectionRun]:
         runs = {}
-        for topic, results in seen.items():
+        for topic, results in looked_at.items():
             frames = without_strays(_in_order(results))
             self._refuse_strays(frames)
             runs[topic] = DetectionRun(topic, self._recording.count(topic), frames, interrupted)
@@ -208,15 +210,15 @@ class Collector:
 
     def _begin(self, jobs: Sequence[Job], log: DetectionLog | None) -> list[FrameResult]:
         """Have images looked at; returns at once what the log knows from an earlier run."""
-        known = {} if log is None else log.known
-        self._workers.add(job for job in jobs if (job.topic, job.index) not in known)
-        return [known[job.topic, job.index] for job in jobs if (job.topic, job.index) in known]
+        earlier = {} if log is None else log.results
+        self._workers.add(job for job in jobs if (job.topic, job.index) not in earlier)
+        return [earlier[job.topic, job.index] for job in jobs if (job.topic, job.index) in earlier]
 
-    def _note(self, result: FrameResult, seen: dict[int, FrameResult], log: DetectionLog | None) -> None:
+    def _note(self, result: FrameResult, looked_at: dict[int, FrameResult], log: DetectionLog | None) -> None:
         if result.error and self._strict:
             raise InputError(f"{result.topic}, image {result.name}: {result.error}")
-        seen[result.index] = result
-        if log is not None and (result.topic, result.index) not in log.known:
+        looked_at[result.index] = result
+        if log is not None and (result.topic, result.index) not in log.results:
             log.add(result)
 
     def _refuse_strays(self, frames: Sequence[FrameResult]) -> None:
@@ -224,13 +226,13 @@ class Collector:
         if strays and self._strict:
             raise InputError(f"{strays[0].topic}, image {strays[0].name}: {strays[0].error}")
 
-    def _next_look(self, seen: Mapping[int, FrameResult], count: int, choice: FrameChoice) -> list[int]:
-        size = usual_size(tuple(seen.values())) or (0, 0)
-        found = {
-            index: frame.detection if frame.found and frame.image_size == size else None
-            for index, frame in seen.items()
+    def _next_look(self, looked_at: Mapping[int, FrameResult], count: int, choice: FrameChoice) -> list[int]:
+        size = usual_size(tuple(looked_at.values())) or (0, 0)
+        detections = {
+            index: frame.detection if frame.is_view and frame.image_size == size else None
+            for index, frame in looked_at.items()
         }
-        return next_look(found, self._target, size, count, choice)
+        return next_look(detections, self._target, size, count, choice)
 
 
 def _in_order(frames: Mapping[int, FrameResult]) -> tuple[FrameResult, ...]:

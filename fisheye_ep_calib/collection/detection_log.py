@@ -31,7 +31,7 @@ _NO_KIND = ("name", "object_points")  # of a target: what does not tell its kind
 class DetectionLog:
     """One line of JSON an image. A line that a crash left unfinished is dropped.
 
-    known: (topic, image) → what an earlier run saw in an image that is still the same; what it could not read may be
+    results: (topic, image) → what an earlier run saw in an image that is still the same; what it could not read may be
     readable by now. images: how many the log holds. holds_views: the target was found in some of them.
     """
 
@@ -42,7 +42,7 @@ class DetectionLog:
         """
         self._fingerprint = fingerprint
         self.path = path
-        self.known: dict[tuple[str, int], FrameResult] = {}
+        self.results: dict[tuple[str, int], FrameResult] = {}
         self.images = 0
         self.holds_views = False
         try:
@@ -71,15 +71,15 @@ class DetectionLog:
         good = 0
         if lines:
             self._check(lines[0], key)
-            seen, whole = _parse(lines[1:])
-            self.known = {
+            results, whole = _parse(lines[1:])
+            self.results = {
                 image: result
-                for image, (result, fingerprint) in seen.items()
+                for image, (result, fingerprint) in results.items()
                 if not result.error and fingerprint == self._fingerprint(*image)
             }
             good = sum(len(line) + 1 for line in lines[: 1 + whole])
-            self.images = len(self.known)
-            self.holds_views = any(result.found for result in self.known.values())
+            self.images = len(self.results)
+            self.holds_views = any(result.is_view for result in self.results.values())
         self._file.truncate(good)
         if not good:
             self._write({"format": FORMAT, "key": key})
@@ -102,7 +102,7 @@ class DetectionLog:
         except OSError as error:
             raise CalibrationError(f"cannot write {self.path}: {error.strerror or error}") from None
         self.images += 1
-        self.holds_views |= result.found
+        self.holds_views |= result.is_view
 
     def _write(self, content: dict[str, Any]) -> None:
         self._file.write(json.dumps(content, separators=(",", ":")).encode() + b"\n")
@@ -174,12 +174,12 @@ def _parse(lines: Sequence[bytes]) -> tuple[dict[tuple[str, int], tuple[FrameRes
 
     What follows that is looked at again.
     """
-    known = {}
+    results = {}
     for number, line in enumerate(lines):
         try:
             content = json.loads(line)
             result = _from_json(content)
-            known[result.topic, result.index] = result, content["fingerprint"]
+            results[result.topic, result.index] = result, content["fingerprint"]
         except (ValueError, KeyError, TypeError, IndexError):
-            return known, number
-    return known, len(lines)
+            return results, number
+    return results, len(lines)

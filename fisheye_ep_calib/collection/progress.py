@@ -15,18 +15,18 @@ _SELDOM = 1.0  # seconds between two lines of the same step
 
 @dataclass(frozen=True)
 class Progress:
-    """step: what is being done. done of total images; total 0 where the step has no parts. found: with the target."""
+    """step: what is being done. done of total images, views of them with the target; total 0 where it has no parts."""
 
     step: str
     done: int = 0
     total: int = 0
-    found: int | None = None
+    views: int | None = None
 
     def __str__(self) -> str:
         if not self.total:
             return self.step
-        found = "" if self.found is None else f", the target in {self.found}"
-        return f"{self.step}: {self.done} of {self.total} images{found}"
+        with_target = "" if self.views is None else f", the target in {self.views}"
+        return f"{self.step}: {self.done} of {self.total} images{with_target}"
 
 
 OnProgress = Callable[[Progress], object]  # an exception from it ends the work and reaches the caller
@@ -90,8 +90,8 @@ class ProgressBars:
             self._end_bar()
             self._step, self._bar = now.step, progress_bar(what=now.step, total=now.total)
         self._bar.total = now.total
-        if now.found is not None:
-            self._bar.set_postfix(found=now.found, refresh=False)
+        if now.views is not None:
+            self._bar.set_postfix(found=now.views, refresh=False)
         self._bar.update(now.done - self._bar.n)
         if now.done >= now.total:
             self._end_bar()

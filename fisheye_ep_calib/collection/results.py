@@ -39,13 +39,13 @@ class FrameResult:
     stray: bool = False
 
     @property
-    def found(self) -> bool:
+    def is_view(self) -> bool:
         return len(self.detection) > 0
 
     @property
     def reason(self) -> str:
         """Why the image is no view; empty where it is one."""
-        return self.error or ("" if self.found else self.detection.reason or "the target was not found")
+        return self.error or ("" if self.is_view else self.detection.reason or "the target was not found")
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,14 @@ class DetectionRun:
     @property
     def views(self) -> tuple[FrameResult, ...]:
         """The images in which the target was found; their order numbers the images of ``observations``."""
-        return tuple(frame for frame in self.frames if frame.found)
+        return tuple(frame for frame in self.frames if frame.is_view)
 
     @property
     def unused(self) -> dict[str, str]:
         """Name of each image that was looked at and is no view → why; namesakes are numbered."""
         reasons: dict[str, str] = {}
         for frame in self.frames:
-            if frame.found:
+            if frame.is_view:
                 continue
             name, number = frame.name, 1
             while name in reasons:
@@ -106,7 +106,7 @@ class DetectionRun:
             parts.append(f"{len(unreadable)} unreadable ({unreadable[0].error})")
         if strays:
             parts.append(f"{len(strays)} left out ({strays[0].name}: {strays[0].error})")
-        if self.views and (reasons := [frame.reason for frame in self.frames if not frame.found and not frame.error]):
+        if self.views and (reasons := [frame.reason for frame in self.frames if not frame.is_view and not frame.error]):
             parts.append(f"in {len(reasons)} not ({counted(reasons)})")
         if self.available > len(self.frames):
             parts.append(f"{self.available - len(self.frames)} of {self.available} not looked at")

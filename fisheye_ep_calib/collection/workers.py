@@ -176,8 +176,8 @@ def look(recording: Recording, detector: Detector, job: Job) -> FrameResult:
         else:
             detection = detector.detect_guided(image, job.camera, job.camera_from_target)
     except Exception as error:  # one strange image must not cost the others
-        said = f"{type(error).__name__}: {first_line(error)}"
-        return failed_on(recording, job, f"the detector failed on it ({said})")
+        message = f"{type(error).__name__}: {first_line(error)}"
+        return failed_on(recording, job, f"the detector failed on it ({message})")
     size = (image.shape[1], image.shape[0])
     return FrameResult(
         job.topic,

@@ -138,15 +138,18 @@ def run(arguments: argparse.Namespace) -> int:
             reports, failures = _calibrate_all(cameras, look_again, arguments, folder, output, texts)
             written = {path.relative_to(folder) for path in folder.rglob("*")}
     # Only now: nobody may be reading, and the results are to be there all the same.
-    said = sys.stderr if arguments.json else sys.stdout
+    text_stream = sys.stderr if arguments.json else sys.stdout
     for text in texts:
-        print(text, file=said)
+        print(text, file=text_stream)
     for path in sorted(earlier - written):
         print(f"note: {output / path} is of an earlier calibration", file=sys.stderr)
     for name, report in reports.items():
-        print(f"{name}: wrote {report['yaml']}" if report["yaml"] else f"{name}: this model is no camera", file=said)
+        print(
+            f"{name}: wrote {report['yaml']}" if report["yaml"] else f"{name}: this model is no camera",
+            file=text_stream,
+        )
     if not arguments.no_report:
-        print(f"wrote {output / PAGE}", file=said)
+        print(f"wrote {output / PAGE}", file=text_stream)
     if arguments.json:
         print(json_text({"cameras": reports}))
     if len(cameras) == 1 and failures:
@@ -171,7 +174,7 @@ def _calibrate_all(
     with CalibrationReports(folder, cameras, arguments) as collected:
         for camera, end in calibrate_cameras(cameras, look_again, arguments.model, arguments.passes, options=options):
             if isinstance(end, CalibratedCamera):
-                name = write_camera(folder, end, end.seen)
+                name = write_camera(folder, end, end.camera_source)
                 reports[camera.name] = end.to_dict() | {"yaml": None if name is None else str(output / name)}
                 collected.add(end, reports[camera.name])
                 texts.append(calibration_text(camera, end))
@@ -186,7 +189,7 @@ def _calibrate_all(
         if not reports:
             raise none_calibrated(failures)
         for camera in cameras:
-            if camera.name not in reports and camera.run is not None and isinstance(camera.found, Observations):
+            if camera.name not in reports and camera.run is not None and isinstance(camera.outcome, Observations):
                 write_observations(folder, camera)
                 print(f"{camera.name}: what was found is in {output / observation_file(camera.name)}", file=sys.stderr)
     return reports, failures

@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     devices = find_devices(arguments.devices, output)
     if arguments.target is None and any(path.suffix != ".npz" for device in devices for path in device.sources):
         raise InputError("images need --target TARGET.yaml, which says what to look for")
-    finished = set() if arguments.overwrite else {one.name for one in devices if is_finished(output / one.name)}
+    finished = set() if arguments.overwrite else {each.name for each in devices if is_finished(output / each.name)}
     jobs = [_job(device, arguments) for device in devices if device.name not in finished]
     _say_what_differs([device for device in devices if device.name in finished], arguments)
     print(f"{len(devices)} devices, {len(finished)} of them finished before", file=sys.stderr)
@@ -133,10 +133,10 @@ class _Progress:
         self._done += 1
         if end.code:
             self.failed[job.name] = end.reason
-        said = f"failed: {end.reason}" if end.code else "done"
+        outcome = f"failed: {end.reason}" if end.code else "done"
         left = (time.monotonic() - self._began) / self._done * (self._total - self._done)
         ahead = f", about {left / 60:.0f} min left" if left >= 60 else ""
-        print(f"{self._done}/{self._total} {job.name}: {said} ({end.seconds:.0f} s{ahead})", file=sys.stderr)
+        print(f"{self._done}/{self._total} {job.name}: {outcome} ({end.seconds:.0f} s{ahead})", file=sys.stderr)
 
 
 def _rows(devices: list[Device], failed: dict[str, str], output: Path) -> list[Row]:
@@ -168,11 +168,11 @@ def _say_what_differs(finished: list[Device], arguments: argparse.Namespace) -> 
             made = json.loads((folder / RECORD).read_text("utf-8"))
             changed = [key for key, value in made["options"].items() if key in given and given[key] != value]
             sources = {camera["inputs"]["source"] for camera in made["cameras"].values()}
-            seen = [load_observations(folder / "observations" / f"{name}.npz") for name in list(made["cameras"])[:1]]
+            samples = [load_observations(folder / "observations" / f"{name}.npz") for name in list(made["cameras"])[:1]]
         except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
             continue
         other = [f"another --{key.replace('_', '-')}" for key in changed]
-        if target is not None and any(not _shows(one, target) for one in seen):
+        if target is not None and any(not _shows(sample, target) for sample in samples):
             other.append("another --target")
         if _resolved(", ".join(map(str, device.sources))) not in map(_resolved, sources):
             other.append("another recording")

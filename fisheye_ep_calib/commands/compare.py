@@ -65,16 +65,16 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--distance takes positive lengths in metres, or inf")
     refuse_unusable_report(arguments)
     files = read_camera_file(arguments.first), read_camera_file(arguments.second)
-    found = compare(files[0], files[1], arguments.distance, alignment=arguments.align)
-    rows = summaries(found)
+    comparison = compare(files[0], files[1], arguments.distance, alignment=arguments.align)
+    rows = summaries(comparison)
     if arguments.report is not None:
         names = files[0].name, files[1].name
         size = files[0].camera.image_size
-        write_comparison(arguments.report, names, found, arguments.align, _curves(files), size, _inputs(arguments))
+        write_comparison(arguments.report, names, comparison, arguments.align, _curves(files), size, _inputs(arguments))
     if arguments.json:
-        print(json_text(_json(arguments, found)))
+        print(json_text(_json(arguments, comparison)))
         return 0
-    print(_text(arguments, found, rows))
+    print(_text(arguments, comparison, rows))
     return 0
 
 
@@ -90,40 +90,40 @@ def _inputs(arguments: argparse.Namespace) -> dict[str, str]:
     return {"A": str(arguments.first), "B": str(arguments.second), "written": now(), **versions()}
 
 
-def _text(arguments: argparse.Namespace, found: ComparedCameras, rows: tuple[DistanceSummary, ...]) -> str:
+def _text(arguments: argparse.Namespace, comparison: ComparedCameras, rows: tuple[DistanceSummary, ...]) -> str:
     lines = [
         f"A {arguments.first}, B {arguments.second}: B minus A over the field up to "
-        f"{np.degrees(found.theta.max()):.0f}°",
-        alignment_text(found, arguments.align),
+        f"{np.degrees(comparison.theta.max()):.0f}°",
+        alignment_text(comparison, arguments.align),
         f"  {'distance':>10}{'RMS px':>10}{'median':>9}{'95 %':>9}{'largest':>9}{'expected':>10}",
     ]
     for row in rows:
-        mark = "  !" if row.beyond_noise and any(found.known) else ""
+        mark = "  !" if row.beyond_noise and any(comparison.covariances_given) else ""
         lines.append(
             f"  {distance_text(row.distance_m):>10}{row.rms_px:>10.4f}{row.median_px:>9.4f}{row.p95_px:>9.4f}"
-            f"{row.largest_px:>9.4f}{_expected(found, row.expected_px):>10}{mark}"
+            f"{row.largest_px:>9.4f}{_expected(comparison, row.expected_px):>10}{mark}"
         )
-    theta, difference, expected = by_ring(found)
+    theta, difference, expected = by_ring(comparison)
     lines.append("  RMS px (expected) by angle:")
-    lines.append(f"  {'θ':>5} " + "".join(f"{distance_text(one):>18}" for one in found.distance_m))
+    lines.append(f"  {'θ':>5} " + "".join(f"{distance_text(value):>18}" for value in comparison.distance_m))
     for ring, degrees in enumerate(theta):
         pairs = zip(difference[:, ring], expected[:, ring], strict=True)
-        cells = (f"{one:.3f} ({_expected(found, noise)})" for one, noise in pairs)
+        cells = (f"{value:.3f} ({_expected(comparison, noise)})" for value, noise in pairs)
         lines.append(f"  {degrees:>4.0f}° " + "".join(f"{cell:>18}" for cell in cells))
-    lines.append(agreement(found, rows)[1])
+    lines.append(agreement(comparison, rows)[1])
     if arguments.report is not None:
         lines.append(f"wrote {arguments.report}")
     return "\n".join(lines)
 
 
-def _expected(found: ComparedCameras, value: float) -> str:
-    return f"{value:.3f}" if any(found.known) else "–"
+def _expected(comparison: ComparedCameras, value: float) -> str:
+    return f"{value:.3f}" if any(comparison.covariances_given) else "–"
 
 
-def _json(arguments: argparse.Namespace, found: ComparedCameras) -> dict[str, Any]:
+def _json(arguments: argparse.Namespace, comparison: ComparedCameras) -> dict[str, Any]:
     return {
         "first": str(arguments.first),
         "second": str(arguments.second),
-        **found.to_dict(),
+        **comparison.to_dict(),
         "report": None if arguments.report is None else str(arguments.report),
     }

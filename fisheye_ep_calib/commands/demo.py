@@ -97,8 +97,8 @@ def _calibrate_bag(bag: Path, folder: Path) -> dict[str, dict[str, CalibrationRe
     results = {}
     topics = {name: f"/{name}/image_raw" for name in CAMERAS}
     with ProgressBars() as bars:
-        seen = find_target(bag, paper_target(), topics=topics, on_progress=bars)
-    for name, observations in seen.items():
+        cameras_seen = find_target(bag, paper_target(), topics=topics, on_progress=bars)
+    for name, observations in cameras_seen.items():
         save_observations(folder / "observations" / f"{name}.npz", observations)
         results[name] = {model: calibrate(observations, model) for model in MODELS}
         save_camera(folder / f"{name}.yaml", results[name]["ep_odd"], name, str(bag))

@@ -74,10 +74,10 @@ def _write(place: Looking, camera: CameraSource, arguments: argparse.Namespace, 
         print(f"{name}: {view}: {reason}")
     if arguments.overlay:
         _write_overlays(place, name, run.frames, folder / f"{name}_overlay")
-    if isinstance(camera.found, CalibrationError):
-        return camera.found
-    save_observations(folder / f"{name}.npz", camera.found)
-    points, views = len(camera.found.pixels), len(run.views)
+    if isinstance(camera.outcome, CalibrationError):
+        return camera.outcome
+    save_observations(folder / f"{name}.npz", camera.outcome)
+    points, views = len(camera.outcome.pixels), len(run.views)
     return f"{name}: {points} points in {views} views: {arguments.output / f'{name}.npz'}"
 
 

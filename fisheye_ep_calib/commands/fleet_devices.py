@@ -64,7 +64,7 @@ def _listed(path: Path) -> list[Path]:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     listed = [re.sub(r"(^|\s)#.*", "", line).strip() for line in lines]
-    paths = [path.parent / one for one in listed if one]
+    paths = [path.parent / path_text for path_text in listed if path_text]
     if not paths:
         raise InputError(f"{path} lists no device; write a path a line")
     return paths

@@ -53,17 +53,17 @@ def run_jobs(jobs: Sequence[DeviceJob], at_once: int, ended: Callable[[DeviceJob
         while waiting or running:
             while waiting and len(running) < at_once:
                 running.append(_start(waiting.pop(0)))
-            for handle in wait([one.process.sentinel for one in running]):
-                one = next(one for one in running if one.process.sentinel == handle)
-                running.remove(one)
-                ended(one.job, _end_of(one))
+            for handle in wait([started.process.sentinel for started in running]):
+                started = next(started for started in running if started.process.sentinel == handle)
+                running.remove(started)
+                ended(started.job, _end_of(started))
     except KeyboardInterrupt:
-        for one in running:
-            one.process.terminate()  # calibrate takes it for Ctrl-C
-        for one in running:
-            one.process.join(LAST_WORDS_SECONDS)
-            one.process.kill()
-            ended(one.job, _end_of(one, interrupted=True))
+        for started in running:
+            started.process.terminate()  # calibrate takes it for Ctrl-C
+        for started in running:
+            started.process.join(LAST_WORDS_SECONDS)
+            started.process.kill()
+            ended(started.job, _end_of(started, interrupted=True))
         return True
     return False
 
@@ -78,18 +78,18 @@ def _start(job: DeviceJob) -> _Running:
     return _Running(job, process, receiver, time.monotonic())
 
 
-def _end_of(one: _Running, interrupted: bool = False) -> Ended:
-    one.process.join()
+def _end_of(started: _Running, interrupted: bool = False) -> Ended:
+    started.process.join()
     try:
-        code, reason = one.connection.recv()
+        code, reason = started.connection.recv()
     except EOFError:  # it could not even say so
-        code, reason = 1, f"its process ended with code {one.process.exitcode}"
+        code, reason = 1, f"its process ended with code {started.process.exitcode}"
         if interrupted:
             code, reason = 130, "interrupted"
-        elif one.job.log.exists():
-            reason += f"; see {one.job.log}"
-    one.connection.close()
-    return Ended(code, reason, time.monotonic() - one.began)
+        elif started.job.log.exists():
+            reason += f"; see {started.job.log}"
+    started.connection.close()
+    return Ended(code, reason, time.monotonic() - started.began)
 
 
 def _calibrate(job: DeviceJob, connection: Connection) -> None:

@@ -36,7 +36,7 @@ def device_rows(device: str, folder: Path) -> list[Row]:
     record = folder / RECORD
     try:
         content = json.loads(record.read_text("utf-8"))
-        rows = [_row(device, name, one, folder) for name, one in content["cameras"].items()]
+        rows = [_row(device, name, figures, folder) for name, figures in content["cameras"].items()]
         failed = {name: str(reason) for name, reason in content.get("failed", {}).items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{record} cannot be read ({type(error).__name__}: {error})") from None
@@ -100,25 +100,25 @@ def mark_odd(rows: Sequence[Row]) -> None:
     for row in done:
         groups.setdefault(row["camera"] if several else "", []).append(row)
     for group in groups.values():
-        found: dict[int, list[tuple[float, str]]] = {number: [] for number in range(len(group))}
+        remarks: dict[int, list[tuple[float, str]]] = {number: [] for number in range(len(group))}
         for quantity, (column, sigma) in COMPARED.items():
             members = [number for number, row in enumerate(group) if column in row and _has(row, quantity)]
             values = np.array([group[number][column] for number in members])
             z = robust_z(values, np.array([group[number][sigma] for number in members]))
-            for number, one in zip(members, z, strict=True):
-                if abs(one) > threshold(len(members)):
-                    found[number].append((abs(one), f"{quantity} {one:+.1f}"))
+            for number, score in zip(members, z, strict=True):
+                if abs(score) > threshold(len(members)):
+                    remarks[number].append((abs(score), f"{quantity} {score:+.1f}"))
         rms = np.maximum([row["rms_px"] for row in group], 1e-9)
         z = robust_z(np.log(rms), np.full(len(group), RMS_SPREAD))
-        for number, one in enumerate(z):
-            if one > threshold(len(group)):
-                found[number].append((one, f"RMS {one:+.1f}"))
+        for number, score in enumerate(z):
+            if score > threshold(len(group)):
+                remarks[number].append((score, f"RMS {score:+.1f}"))
         most = 2 * sum(row["supported"] for row in group) > len(group)
         for number, row in enumerate(group):
-            said = [text for _, text in sorted(found[number], reverse=True)]
+            texts = [text for _, text in sorted(remarks[number], reverse=True)]
             if len(group) >= FEWEST and most and not row["supported"]:
-                said.append("pupil not supported")
-            row["odd"] = "; ".join(said)
+                texts.append("pupil not supported")
+            row["odd"] = "; ".join(texts)
 
 
 def _has(row: Row, quantity: str) -> bool:

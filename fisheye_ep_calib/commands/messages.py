@@ -33,8 +33,8 @@ def show_messages() -> None:
 def with_options(message: str, arguments: argparse.Namespace | None) -> str:
     """A message in which parameters, which it names in backticks, are the options that set them."""
 
-    def option(found: re.Match[str]) -> str:
-        name = found[1]
+    def option(match: re.Match[str]) -> str:
+        name = match[1]
         if name == "every" and getattr(arguments, "all", False):
             return "--all"
         return _OPTIONS.get(name, f"--{name.replace('_', '-')}")

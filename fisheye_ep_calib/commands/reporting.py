@@ -54,7 +54,7 @@ class CalibrationReports:
 
     def add(self, result: CalibratedCamera, content: dict[str, Any]) -> None:
         """content: what ``--json`` says of the camera. Its images are read now, while they are open."""
-        self._records[result.name] = record_of(result, result.seen, content)
+        self._records[result.name] = record_of(result, result.camera_source, content)
         if not self._arguments.no_report:
             self._pages.append(result.page(pictures=True, share=len(self._cameras)))
 

@@ -100,20 +100,20 @@ def run(arguments: argparse.Namespace) -> int:
         given = rig_sources(
             arguments.source, arguments.target, cameras, look, arguments.tolerance, arguments.time_offset == "auto"
         )
-        with given as seen:
-            for name, one in seen.items():
-                if one.topic:
-                    save_observations(output / OBSERVATIONS / f"{name}.npz", one.observations)
-    found = _calibrated(files, seen, arguments)
-    topics = {name: one.topic for name, one in seen.items() if one.topic}
+        with given as sources:
+            for name, source in sources.items():
+                if source.topic:
+                    save_observations(output / OBSERVATIONS / f"{name}.npz", source.observations)
+    result = _calibrated(files, sources, arguments)
+    topics = {name: source.topic for name, source in sources.items() if source.topic}
     beside_it = {name: os.path.relpath(path, output) for name, path in paths.items()}
     stand_ins = [file.stand_in for file in files.values()]
-    for name, text in rig_files(found, beside_it, stand_ins, topics).items():
+    for name, text in rig_files(result, beside_it, stand_ins, topics).items():
         atomic_write(output / name, text.encode())
-    print(_text(found, output), file=sys.stderr if arguments.json else sys.stdout)
+    print(_text(result, output), file=sys.stderr if arguments.json else sys.stdout)
     if arguments.json:
-        print(json_text({**found.to_dict(), "yaml": str(output / RIG), "camchain": str(output / CAMCHAIN)}))
-    if not found.converged:
+        print(json_text({**result.to_dict(), "yaml": str(output / RIG), "camchain": str(output / CAMCHAIN)}))
+    if not result.converged:
         raise CalibrationError(f"the fit did not converge; its best state is in {output / RIG}")
     return 0
 
@@ -134,19 +134,21 @@ def _look(arguments: argparse.Namespace) -> Iterator[Look]:
 
 
 def _calibrated(
-    files: Mapping[str, CameraFile], seen: Mapping[str, RigSource], arguments: argparse.Namespace
+    files: Mapping[str, CameraFile], sources: Mapping[str, RigSource], arguments: argparse.Namespace
 ) -> RigCalibration:
-    points = next(iter(seen.values())).observations.object_points
+    points = next(iter(sources.values())).observations.object_points
     board = known_board([file.board for file in files.values()], points)
     cameras = [
-        RigCamera(name, file.camera, seen[name].observations.with_board(board), seen[name].stamps_ns, file.covariance)
+        RigCamera(
+            name, file.camera, sources[name].observations.with_board(board), sources[name].stamps_ns, file.covariance
+        )
         for name, file in files.items()
     ]
-    numbered = any(one.numbered for one in seen.values())
+    numbered = any(source.numbered for source in sources.values())
     return calibrate_rig(
         cameras,
         tolerance=0.0 if numbered else arguments.tolerance,
-        unmistakable=arguments.unmistakable or all(one.unmistakable for one in seen.values()),
+        unmistakable=arguments.unmistakable or all(source.unmistakable for source in sources.values()),
         warp_free=arguments.board_warp,
         find_clocks=arguments.time_offset == "auto",
     )

@@ -105,10 +105,10 @@ def run(arguments: argparse.Namespace) -> int:
         SimulatedCamera(name, _seen_by(camera, views, places[name], n))
         for n, (name, camera) in enumerate(cameras.items())
     ]
-    for one in rig:
-        if one.name in truth_files:
-            poses = np.stack([view.pose for view in one.views])
-            save_observations(truth_files[one.name], observe(cameras[one.name], target, poses))
+    for member in rig:
+        if member.name in truth_files:
+            poses = np.stack([view.pose for view in member.views])
+            save_observations(truth_files[member.name], observe(cameras[member.name], target, poses))
     if rig_file is not None:
         atomic_write(rig_file, places_yaml(places).encode())
     total = sum(len(camera.views) for camera in rig)

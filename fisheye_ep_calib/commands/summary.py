@@ -16,9 +16,11 @@ def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
     lines = [f"\n{camera.name}: {result.views} views, {result.points} points"]
     lines += [f"  not used: {text}" for text in _not_used(camera, result)]
     lines.append(f"  {'model':<12}{'RMS px':>9}{'held-out px':>13}{'parameters':>12}")
-    for name, one in result.comparison.items():
+    for name, entry in result.comparison.items():
         mark = "  ← chosen" if name == result.model else ""
-        lines.append(f"  {name:<12}{one.rms_px:>9.4f}{one.cross_validated_rms_px:>13.4f}{one.parameters:>12}{mark}")
+        lines.append(
+            f"  {name:<12}{entry.rms_px:>9.4f}{entry.cross_validated_rms_px:>13.4f}{entry.parameters:>12}{mark}"
+        )
     lines += [f"  {reason}" for reason in result.reasons]
     lines.append(f"  {_intrinsics(result)}")
     if result.board.bends:
@@ -26,7 +28,9 @@ def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
     lines.append(f"  {pupil_sentence(result)}")
     if result.error_budget:
         lines.append(f"  {result.error_budget.sentence}")
-    lines += [f"  {'!' if one.concern else '·'} {one.title}: {one.sentence}" for one in result.diagnosis.findings]
+    lines += [
+        f"  {'!' if entry.concern else '·'} {entry.title}: {entry.sentence}" for entry in result.diagnosis.findings
+    ]
     lines.append(f"  {loss_sentence(result)}")
     return "\n".join(lines)
 
@@ -34,8 +38,8 @@ def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
 def _intrinsics(result: CalibrationResult) -> str:
     """fx, fy, cx and cy with their σ, px."""
     sigma = np.sqrt(np.maximum(np.diag(result.uncertainty.covariance), 0))
-    known = dict(zip(result.camera.parameter_names, zip(result.camera.parameters, sigma, strict=True), strict=True))
-    told = (f"{name} {known[name][0]:.3f} ± {known[name][1]:.3f}" for name in ("fx", "fy", "cx", "cy"))
+    values = dict(zip(result.camera.parameter_names, zip(result.camera.parameters, sigma, strict=True), strict=True))
+    told = (f"{name} {values[name][0]:.3f} ± {values[name][1]:.3f}" for name in ("fx", "fy", "cx", "cy"))
     return ", ".join(told) + " px"
 
 

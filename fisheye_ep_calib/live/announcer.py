@@ -21,17 +21,17 @@ class Announcer:
     def mention(self, key: str, text: str) -> None:
         """Warn of something that may come again and again: the first time only."""
         with self._lock:
-            known = key in self._told
+            told = key in self._told
             self._told.add(key)
-        if not known:
+        if not told:
             self._warning(text)
 
     def warn_once(self, key: str, text: str) -> None:
         """Warn unless a warning with this key stands already; say what ends it with ``over``."""
         with self._lock:
-            known = key in self._standing
+            standing = key in self._standing
             self._standing.setdefault(key, text)
-        if not known:
+        if not standing:
             self._warning(text)
 
     def over(self, key: str, text: str = "") -> None:

@@ -36,7 +36,7 @@ class Counters:
     dropped: int = 0
     unreadable: int = 0
     searched: int = 0
-    found: int = 0
+    detected: int = 0
 
 
 class CameraViews:
@@ -107,7 +107,7 @@ class CameraViews:
         self.count(searched=1)
         if len(sighting.detection) == 0:
             return Verdict.NOT_FOUND
-        self.count(found=1)
+        self.count(detected=1)
         view = view_of(sighting, self.target)
         if view is None:
             return Verdict.TOO_FEW_POINTS

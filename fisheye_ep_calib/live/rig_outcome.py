@@ -46,9 +46,9 @@ class RigOutcome:
     def summary(self) -> str:
         """One line with the numbers."""
         placed = [
-            f"{name} at ({', '.join(f'{1e3 * value:.2f}' for value in one['position_m'])}) mm "
-            f"± {1e3 * float(np.linalg.norm(one['position_sigma_m'])):.2g} mm"
-            for name, one in self.figures["cameras"].items()
+            f"{name} at ({', '.join(f'{1e3 * value:.2f}' for value in figures['position_m'])}) mm "
+            f"± {1e3 * float(np.linalg.norm(figures['position_sigma_m'])):.2g} mm"
+            for name, figures in self.figures["cameras"].items()
             if name != self.figures["reference"]
         ]
         return "{moments} common views, RMS {rms_px:.3f} px, ".format(**self.figures) + ", ".join(placed)
@@ -57,16 +57,18 @@ class RigOutcome:
 def calibrate_members(members: Sequence[RigMember], tolerance: float, unmistakable: bool) -> RigOutcome:
     """Calibrate the rig; what a worker process runs. tolerance: seconds. Raises CalibrationError."""
     cameras = [
-        RigCamera(one.name, one.calibration.camera, one.observations, one.stamps_ns, one.calibration.covariance)
-        for one in members
+        RigCamera(
+            member.name, member.calibration.camera, member.observations, member.stamps_ns, member.calibration.covariance
+        )
+        for member in members
     ]
     rig = calibrate_rig(cameras, tolerance, unmistakable)
     if not rig.converged:
         raise CalibrationError("the fit did not converge; more common views, tilted and at several distances, help")
     files = rig_files(
         rig,
-        {one.name: one.camera_file for one in members},
-        [one.calibration.stand_in for one in members],
-        {one.name: one.topic for one in members},
+        {member.name: member.camera_file for member in members},
+        [member.calibration.stand_in for member in members],
+        {member.name: member.topic for member in members},
     )
     return RigOutcome(files, rig.to_dict())

@@ -53,15 +53,17 @@ def common_moments(views: Sequence[Sequence[View]], tolerance_ns: int) -> np.nda
     """Moments (m, cameras) that two cameras or more saw, in the order of time: numbers of views, −1 for none."""
     numbers, stamps = [], []
     for of_camera in views:
-        known = [(number, stamp) for number, view in enumerate(of_camera) if (stamp := stamp_of(view.name)) is not None]
-        numbers.append(np.array([number for number, _ in known], dtype=int))
-        stamps.append(np.array([stamp for _, stamp in known], dtype=np.int64))
-    found = simultaneous(stamps, tolerance_ns)
-    found = found[(found >= 0).sum(axis=1) > 1]
-    moments = np.full_like(found, -1)
+        stamped = [
+            (number, stamp) for number, view in enumerate(of_camera) if (stamp := stamp_of(view.name)) is not None
+        ]
+        numbers.append(np.array([number for number, _ in stamped], dtype=int))
+        stamps.append(np.array([stamp for _, stamp in stamped], dtype=np.int64))
+    rows = simultaneous(stamps, tolerance_ns)
+    rows = rows[(rows >= 0).sum(axis=1) > 1]
+    moments = np.full_like(rows, -1)
     for camera, number in enumerate(numbers):
-        has = found[:, camera] >= 0
-        moments[has, camera] = number[found[has, camera]]
+        has = rows[:, camera] >= 0
+        moments[has, camera] = number[rows[has, camera]]
     result: np.ndarray = moments
     return result
 
@@ -100,8 +102,8 @@ class RigViews:
 
     def counts(self) -> np.ndarray:
         """Common views (cameras, cameras) of each two."""
-        seen = (self.moments()[1] >= 0).astype(int)
-        result: np.ndarray = seen.T @ seen
+        takes_part = (self.moments()[1] >= 0).astype(int)
+        result: np.ndarray = takes_part.T @ takes_part
         return result
 
     def wants(self, name: str) -> bool:
@@ -124,13 +126,17 @@ class RigViews:
             self._recent[name].append(latest)
             chosen = []
             for other in self._recent.keys() - {name}:
-                seen = self._nearest(other, stamp)
-                if seen is None or (seen.kept and latest.kept) or not self._new_together(name, latest, other, seen):
+                partner = self._nearest(other, stamp)
+                if (
+                    partner is None
+                    or (partner.kept and latest.kept)
+                    or not self._new_together(name, latest, other, partner)
+                ):
                     continue
-                for camera_name, one in ((name, latest), (other, seen)):
-                    if not one.kept:
-                        one.kept = True
-                        chosen.append(Partner(camera_name, one.view, one.image_size, one.generation))
+                for camera_name, recent in ((name, latest), (other, partner)):
+                    if not recent.kept:
+                        recent.kept = True
+                        chosen.append(Partner(camera_name, recent.view, recent.image_size, recent.generation))
             self._find_who_wants()
             return chosen
 
@@ -149,8 +155,8 @@ class RigViews:
         )
 
     def _nearest(self, camera: str, stamp_ns: int) -> _Seen | None:
-        near = [seen for seen in self._recent[camera] if abs(seen.stamp_ns - stamp_ns) <= self._tolerance_ns]
-        return min(near, key=lambda seen: abs(seen.stamp_ns - stamp_ns), default=None)
+        near = [recent for recent in self._recent[camera] if abs(recent.stamp_ns - stamp_ns) <= self._tolerance_ns]
+        return min(near, key=lambda recent: abs(recent.stamp_ns - stamp_ns), default=None)
 
     def _new_together(self, a: str, of_a: _Seen, b: str, of_b: _Seen) -> bool:
         views, moments = self.moments()
@@ -160,11 +166,11 @@ class RigViews:
             return False
         return any(
             is_new(
-                seen.view.signature,
+                recent.view.signature,
                 [views[numbers[name]][row].signature for row in common[:, numbers[name]]],
                 self._cameras[name].limits.novelty,
             )
-            for name, seen in ((a, of_a), (b, of_b))
+            for name, recent in ((a, of_a), (b, of_b))
         )
 
 

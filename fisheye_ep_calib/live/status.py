@@ -68,7 +68,7 @@ def camera_status(camera: LiveCamera, reception: Reception, warnings: list[str],
         "dropped": counters.dropped,
         "unreadable": counters.unreadable,
         "searched": counters.searched,
-        "found": counters.found,
+        "found": counters.detected,
         "views": views,
         "image_size": None if size is None else list(size),
         "delay_s": reception.delay,
@@ -125,7 +125,7 @@ def _level(warnings: list[str], message: str) -> tuple[Level, str]:
 def next_step(camera: LiveCamera, tuning: Tuning) -> str:
     """What would help most, in one sentence."""
     views, outcome = len(camera.views.kept), camera.outcome
-    if views == 0 and camera.views.counters.found == 0:
+    if views == 0 and camera.views.counters.detected == 0:
         return "hold the target before the camera"
     if views < tuning.minimum_views:
         return f"move and tilt the target: {tuning.minimum_views - views} more views are wanted"

@@ -29,9 +29,9 @@ class View:
 
 def view_of(sighting: Sighting, target: Target) -> View | None:
     """A view from what was found in a frame; None where that is too little."""
-    found = sighting.detection
-    signature = view_signature(target.object_points[found.point_index], found.pixels, sighting.image_size)
-    return None if signature is None else View(sighting.name, found.point_index, found.pixels, signature)
+    detection = sighting.detection
+    signature = view_signature(target.object_points[detection.point_index], detection.pixels, sighting.image_size)
+    return None if signature is None else View(sighting.name, detection.point_index, detection.pixels, signature)
 
 
 def observations_of(views: Sequence[View], target: Target, image_size: tuple[int, int]) -> Observations:
@@ -67,9 +67,9 @@ class ViewStore:
         if not self.path.exists():
             return 0
         observations = load_observations(self.path)
-        known = self.target.object_points
-        if observations.object_points.shape != known.shape or not np.allclose(
-            observations.object_points, known, atol=1e-9
+        target_points = self.target.object_points
+        if observations.object_points.shape != target_points.shape or not np.allclose(
+            observations.object_points, target_points, atol=1e-9
         ):
             raise InputError(
                 f"{self.path} holds views of another target than {self.target.name}: "

@@ -34,28 +34,28 @@ _PUPIL_DEGREES = 60.0
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class CalibratedCamera(CalibrationResult):
-    """seen: what the camera saw, and where that came from."""
+    """camera_source: what the camera saw, and where that came from."""
 
-    seen: CameraSource
+    camera_source: CameraSource
 
     @staticmethod
     def of(
-        result: CalibrationResult, seen: CameraSource, earlier: Sequence[Mapping[str, float]] = ()
+        result: CalibrationResult, camera_source: CameraSource, earlier: Sequence[Mapping[str, float]] = ()
     ) -> CalibratedCamera:
         """earlier: seconds by step that an earlier pass has taken."""
         values = {field.name: getattr(result, field.name) for field in fields(result) if field.init}
-        spent = (*earlier, seen.seconds, result.seconds)
-        values["seconds"] = {step: sum(one.get(step, 0.0) for one in spent) for one in spent for step in one}
-        return CalibratedCamera(**values, seen=seen)
+        spent = (*earlier, camera_source.seconds, result.seconds)
+        values["seconds"] = {step: sum(took.get(step, 0.0) for took in spent) for took in spent for step in took}
+        return CalibratedCamera(**values, camera_source=camera_source)
 
     @property
     def name(self) -> str:
-        return self.seen.name
+        return self.camera_source.name
 
     @property
     def observations(self) -> Observations:
         """What was calibrated, wrong points included."""
-        return self.seen.observations
+        return self.camera_source.observations
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -69,7 +69,7 @@ class CalibratedCamera(CalibrationResult):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that programs read of a calibration, as ``calibrate --json`` prints it of a camera."""
-        return {**calibration_content(self), "yaml": None, "unused_views": dict(self.seen.unused_views)}
+        return {**calibration_content(self), "yaml": None, "unused_views": dict(self.camera_source.unused_views)}
 
     def write(self, folder: str | PathLike[str], *, overwrite: bool = False) -> Path | None:
         """Write NAME.yaml, observations/NAME.npz and calibration.json into a folder, all or none.
@@ -77,7 +77,7 @@ class CalibratedCamera(CalibrationResult):
         Returns the camera file; None for the paper's equation as printed, which is no camera. Raises InputError where
         files of those names are there, unless ``overwrite``.
         """
-        return write_cameras(Path(folder), [(self, self.seen, self.to_dict())], overwrite=overwrite)[self.name]
+        return write_cameras(Path(folder), [(self, self.camera_source, self.to_dict())], overwrite=overwrite)[self.name]
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write one HTML page with all figures, and the images as far as they can still be read."""
@@ -95,9 +95,9 @@ class CalibratedCamera(CalibrationResult):
             self.name,
             self.observations,
             self,
-            inputs=inputs_in_words(self.seen.inputs()),
-            unused=self.seen.unused_views,
-            image=self.seen.image if pictures else None,
+            inputs=inputs_in_words(self.camera_source.inputs()),
+            unused=self.camera_source.unused_views,
+            image=self.camera_source.image if pictures else None,
             picture_budget=BUDGET // max(share, 1),
         )
 

@@ -50,7 +50,7 @@ class CalibratedCameras(Mapping[str, CalibratedCamera]):
     def write(self, folder: str | PathLike[str], *, overwrite: bool = False) -> dict[str, Path | None]:
         """``CalibratedCamera.write`` for all of them; returns camera name → camera file."""
         failed = {name: str(error) for name, error in self.failed.items()}
-        results = [(result, result.seen, result.to_dict()) for result in self._results.values()]
+        results = [(result, result.camera_source, result.to_dict()) for result in self._results.values()]
         return write_cameras(Path(folder), results, failed, overwrite=overwrite)
 
     def report(self, path: str | PathLike[str]) -> None:
@@ -123,7 +123,7 @@ def calibrate_cameras(
     for camera in cameras:
         try:
             result = _calibrated(camera, look_again if passes > 1 else None, model, on_progress, options or {})
-            yield result.seen, result
+            yield result.camera_source, result
         except Interrupted:
             raise
         except CalibrationError as error:
@@ -151,8 +151,8 @@ def _calibrated(
 
 def _with_reasons(error: CalibrationError, camera: CameraSource) -> CalibrationError:
     """The same error; where too few images are views, with every reason, counted."""
-    found = camera.found  # where there are no views at all the error tells the reasons by itself
-    if isinstance(found, CalibrationError) or found.view_count >= MIN_VIEWS or not camera.unused_views:
+    outcome = camera.outcome  # where there are no views at all the error tells the reasons by itself
+    if isinstance(outcome, CalibrationError) or outcome.view_count >= MIN_VIEWS or not camera.unused_views:
         return error
     told = type(error)(f"{error}; images not used: {counted(list(camera.unused_views.values()))}")
     told.exit_code = error.exit_code
@@ -164,5 +164,5 @@ def none_calibrated(failures: list[CalibrationError]) -> CalibrationError:
     if len(failures) == 1:
         return failures[0]
     error = CalibrationError(f"none of the {len(failures)} cameras could be calibrated")
-    error.exit_code = max(one.exit_code for one in failures)
+    error.exit_code = max(failure.exit_code for failure in failures)
     return error

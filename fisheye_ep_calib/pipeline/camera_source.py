@@ -27,14 +27,14 @@ _log = logging.getLogger(__name__)
 class CameraSource:
     """One camera's observations and where they came from.
 
-    found: the observations, or why there are none. seconds: spent in "read" and "detect". unused_views: image name →
+    outcome: the observations, or why there are none. seconds: spent in "read" and "detect". unused_views: image name →
     why it is no view. run: None for an observation file. target: its file or name, where it is known. target_keys: what
     that file says.
     image: reads the image of that number, grey (h, w), as long as its file is there.
     """
 
     name: str
-    found: Observations | CalibrationError
+    outcome: Observations | CalibrationError
     source: str = ""
     seconds: dict[str, float] = field(default_factory=lambda: {"read": 0.0, "detect": 0.0})
     unused_views: dict[str, str] = field(default_factory=dict)
@@ -46,9 +46,9 @@ class CameraSource:
     @property
     def observations(self) -> Observations:
         """Raises CalibrationError where the target was not found."""
-        if isinstance(self.found, CalibrationError):
-            raise self.found
-        return self.found
+        if isinstance(self.outcome, CalibrationError):
+            raise self.outcome
+        return self.outcome
 
     def inputs(self) -> dict[str, Any]:
         """Where the observations came from, as calibration.json has it."""
@@ -79,17 +79,17 @@ def source_of_run(
 ) -> CameraSource:
     """One camera's source from what was seen by it. opened: seconds that it took to open the recording."""
     _log.info("%s", run.summary())
-    found: Observations | CalibrationError
+    outcome: Observations | CalibrationError
     try:
-        found = replace(run.observations(target.object_points, target.disc_radius), board=target.shape)
+        outcome = replace(run.observations(target.object_points, target.disc_radius), board=target.shape)
     except CalibrationError as error:
-        found = error
+        outcome = error
 
     def image(number: int) -> np.ndarray:
         return recording.frame(run.topic, run.views[number].index).image()
 
     seconds = {"read": opened + run.read_seconds, "detect": run.detect_seconds}
-    return CameraSource(name, found, source, seconds, run.unused, run, target_name, image, target.keys)
+    return CameraSource(name, outcome, source, seconds, run.unused, run, target_name, image, target.keys)
 
 
 def sources_of_files(paths: list[Path], split: str | None = None) -> list[CameraSource]:

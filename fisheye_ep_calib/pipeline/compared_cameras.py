@@ -49,7 +49,7 @@ class ComparedCameras(CameraDifference):
     def __repr__(self) -> str:
         rows = []
         for row in self.by_distance:
-            expected = f", {row.expected_px:.4f} px expected" if any(self.known) else ""
+            expected = f", {row.expected_px:.4f} px expected" if any(self.covariances_given) else ""
             rows.append(f"  {distance_text(row.distance_m):>10}: {row.rms_px:.4f} px RMS{expected}")
         return "\n".join([self.verdict, alignment_text(self, self.alignment), *rows])
 
@@ -66,11 +66,13 @@ def compare(
         raise InputError("`distances` are positive lengths in metres, or inf")
     if alignment not in ALIGNMENTS:
         raise InputError(f"unknown `alignment` {alignment!r}; known: {', '.join(ALIGNMENTS)}")
-    one, other = known_camera(first), known_camera(second)
-    covariances = tuple(file.covariance if file.covariance.any() else None for file in (one, other))
+    first_file, second_file = known_camera(first), known_camera(second)
+    covariances = tuple(file.covariance if file.covariance.any() else None for file in (first_file, second_file))
     distances = sorted(dict.fromkeys(map(float, distances)))
-    found = camera_difference(one.camera, other.camera, distances, (covariances[0], covariances[1]), alignment)
-    if not np.isfinite(found.length_px).any():
+    difference = camera_difference(
+        first_file.camera, second_file.camera, distances, (covariances[0], covariances[1]), alignment
+    )
+    if not np.isfinite(difference.length_px).any():
         raise InputError("the two cameras share no part of the field at these distances")
-    values = {field.name: getattr(found, field.name) for field in fields(found)}
+    values = {field.name: getattr(difference, field.name) for field in fields(difference)}
     return ComparedCameras(**values, alignment=alignment)

@@ -31,31 +31,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class EvaluatedCamera(Evaluation):
-    """known: the camera that was measured. seen: on what. flat: the target was taken as its
-    file has it. board: the shape that it was given instead. path: of known.
+    """camera_file: the camera that was measured. camera_source: on what. flat: the target was taken as its
+    file has it. board: the shape that it was given instead. path: of the camera file.
     """
 
-    known: CameraFile
-    seen: CameraSource
+    camera_file: CameraFile
+    camera_source: CameraSource
     flat: bool = True
     path: str = ""
     board: BoardShape | None = None
 
     @property
     def observations(self) -> Observations:
-        return self.seen.observations
+        return self.camera_source.observations
 
     @cached_property
     def expected_rms_px(self) -> float | None:
         """What the noise of the points and the camera's own σ lead to expect; None where it is not known."""
-        known = self.known
-        variance = camera_variance(self, self.observations, known.camera, known.covariance)
-        return expected_rms(self, known.calibration.get("noise_px"), variance)
+        camera_file = self.camera_file
+        variance = camera_variance(self, self.observations, camera_file.camera, camera_file.covariance)
+        return expected_rms(self, camera_file.calibration.get("noise_px"), variance)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What stands out by angle, distance and view."""
-        return evaluation_findings(self, self.observations, self.known.camera.theta_max)
+        return evaluation_findings(self, self.observations, self.camera_file.camera.theta_max)
 
     @property
     def board_words(self) -> str:
@@ -66,17 +66,17 @@ class EvaluatedCamera(Evaluation):
             return f"the board has the shape that the calibration measured: {self.board.sentence}"
         if not self.flat:
             return "the board has the bow that the calibration found"
-        known = self.known.board
-        if known is not None and known.bends and not known.same_target(self.observations.object_points):
+        board = self.camera_file.board
+        if board is not None and board.bends and not board.same_target(self.observations.object_points):
             return "another board than the calibration's: taken as its file has it"
-        if known is None and self.known.board_warp.any():
+        if board is None and self.camera_file.board_warp.any():
             return "the board is taken as its file has it, the calibration found it bent: `board_warp` takes its bow"
         return "the board is taken as its file has it"
 
     @property
     def verdict(self) -> Verdict:
         """Whether the camera holds on these observations, and why."""
-        return evaluation_verdict(self, self.expected_rms_px, self.findings, self.known.camera.image_size)
+        return evaluation_verdict(self, self.expected_rms_px, self.findings, self.camera_file.camera.image_size)
 
     def to_dict(self) -> dict[str, Any]:
         """What ``evaluate --json`` prints."""
@@ -87,7 +87,7 @@ class EvaluatedCamera(Evaluation):
         """Write one HTML page with all figures, and the images as far as they can still be read."""
         from fisheye_ep_calib.report.html import write_report
 
-        title = f"{self.known.name} measured on {self.seen.source}" if self.seen.source else ""
+        title = f"{self.camera_file.name} measured on {self.camera_source.source}" if self.camera_source.source else ""
         write_report(path, [self._report(pictures=True)], title)
 
     def _report(self, pictures: bool = False) -> CameraReport:
@@ -95,18 +95,18 @@ class EvaluatedCamera(Evaluation):
         from fisheye_ep_calib.report.record import inputs_in_words
 
         inputs = {"camera file": self.path} if self.path else {}
-        inputs |= inputs_in_words(self.seen.inputs())
+        inputs |= inputs_in_words(self.camera_source.inputs())
         inputs["target's shape"] = self.board_words
-        inputs |= {f"calibration: {key}": str(value) for key, value in self.known.calibration.items()}
+        inputs |= {f"calibration: {key}": str(value) for key, value in self.camera_file.calibration.items()}
         return evaluation_report(
-            self.known.name,
-            self.known,
+            self.camera_file.name,
+            self.camera_file,
             self.observations,
             self,
             board=self.board,
             expected_px=self.expected_rms_px,
             inputs=inputs,
-            image=self.seen.image if pictures else None,
+            image=self.camera_source.image if pictures else None,
         )
 
     @property
@@ -121,7 +121,8 @@ class EvaluatedCamera(Evaluation):
         than = "" if expected is None else f", {expected:.3f} px expected"
         failed = f"; {len(self.failed)} views without a pose" if self.failed else ""
         return (
-            f"{self.known.name} on {self.points} points in {len(self.images)} views: RMS {self.rms_px:.3f} px{than}, "
+            f"{self.camera_file.name} on {self.points} points in {len(self.images)} views: "
+            f"RMS {self.rms_px:.3f} px{than}, "
             f"median {self.median_px:.3f} px, 95 % below {self.p95_px:.3f} px{failed}\n  {self.verdict.headline}"
         )
 
@@ -142,21 +143,26 @@ def evaluate(
     what is to be expected. The target has the shape that the calibration found where it is the same target, and the
     observations do not bring one. board_warp: give it the bow alone that was found.
     """
-    known = known_camera(camera)
-    seen = CameraSource("camera", observations) if isinstance(observations, Observations) else observations
-    warp = known.board_warp if board_warp else None
-    board = None if board_warp else _board_for(known, seen.observations)
-    found = evaluate_camera(known.camera, seen.observations, warp, disc_centers, board)
-    values = {field.name: getattr(found, field.name) for field in fields(found)}
+    camera_file = known_camera(camera)
+    source = CameraSource("camera", observations) if isinstance(observations, Observations) else observations
+    warp = camera_file.board_warp if board_warp else None
+    board = None if board_warp else _board_for(camera_file, source.observations)
+    evaluation = evaluate_camera(camera_file.camera, source.observations, warp, disc_centers, board)
+    values = {field.name: getattr(evaluation, field.name) for field in fields(evaluation)}
     path = str(camera) if isinstance(camera, str | PathLike) else ""
     return EvaluatedCamera(
-        **values, known=known, seen=seen, flat=board is None and not board_warp, path=path, board=board
+        **values,
+        camera_file=camera_file,
+        camera_source=source,
+        flat=board is None and not board_warp,
+        path=path,
+        board=board,
     )
 
 
-def _board_for(known: CameraFile, observations: Observations) -> BoardShape | None:
+def _board_for(camera_file: CameraFile, observations: Observations) -> BoardShape | None:
     """The target's shape: as the observations have it, or as it was when the camera was calibrated with this target."""
     if observations.board is not None:
         return observations.board
-    board = known.board
+    board = camera_file.board
     return board if board is not None and board.bends and board.same_target(observations.object_points) else None

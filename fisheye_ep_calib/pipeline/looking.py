@@ -80,7 +80,7 @@ class Looking:
     def _first(self, runs: Mapping[str, DetectionRun]) -> list[CameraSource]:
         _refuse_interrupted(runs)
         cameras = [self._camera(name, runs[topic], self.opened) for name, topic in self.topics.items()]
-        if all(isinstance(camera.found, InputError) for camera in cameras):
+        if all(isinstance(camera.outcome, InputError) for camera in cameras):
             self.collector.forget()  # the images themselves are at fault: to look at more of them is no help
         return cameras
 

@@ -29,10 +29,10 @@ def check_fit(model: str, passes: int, options: Mapping[str, Any]) -> None:
     base_structure(Options.of(**options), model)
 
 
-def refuse_unknown_options(options: Mapping[str, Any], known: tuple[str, ...]) -> None:
+def refuse_unknown_options(options: Mapping[str, Any], names: tuple[str, ...]) -> None:
     """Raises InputError that lists the known options and names the one that was probably meant."""
     for name in options:
-        if name not in known:
-            meant = get_close_matches(name, known, 1)
+        if name not in names:
+            meant = get_close_matches(name, names, 1)
             hint = f"did you mean {meant[0]}? " if meant else ""
-            raise InputError(f"unknown option {name!r}; {hint}known: {', '.join(sorted(known))}")
+            raise InputError(f"unknown option {name!r}; {hint}known: {', '.join(sorted(names))}")

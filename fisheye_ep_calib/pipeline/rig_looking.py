@@ -74,7 +74,7 @@ def rig_sources(
 
 def _of_files(names: Sequence[str], files: list[Path]) -> dict[str, RigSource]:
     by_name = {camera.name: camera for camera in sources_of_files(files)}
-    found = {}
+    sources = {}
     for name in names:
         if name not in by_name:
             raise InputError(f"there is no {name}.npz among the observation files for `camera` {name}")
@@ -84,20 +84,20 @@ def _of_files(names: Sequence[str], files: list[Path]) -> dict[str, RigSource]:
             stamps = _numbers_of_names(observations.image_names, by_name[name].source)
         else:
             stamps = np.array(times, dtype=np.int64)
-        found[name] = RigSource(observations, stamps, numbered=times is None)
-    if len({one.numbered for one in found.values()}) > 1:
+        sources[name] = RigSource(observations, stamps, numbered=times is None)
+    if len({source.numbered for source in sources.values()}) > 1:
         raise InputError("the images of some cameras are named by their time, those of others are not")
-    return found
+    return sources
 
 
 def _numbers_of_names(names: Sequence[str], path: str) -> np.ndarray:
     """The last number in each image's name, for images that no clock has stamped."""
     numbers = []
     for name in names:
-        found = re.findall(r"\d{1,18}", Path(name).stem)
-        if not found:
+        digits = re.findall(r"\d{1,18}", Path(name).stem)
+        if not digits:
             raise InputError(f"{path}: image {name!r} has neither time nor number to match it with other cameras by")
-        numbers.append(int(found[-1]))
+        numbers.append(int(digits[-1]))
     if len(set(numbers)) < len(numbers):
         raise InputError(f"{path}: two images have the same number, so it is not clear which others they go with")
     return np.array(numbers, dtype=np.int64)
@@ -119,20 +119,20 @@ def _topics(names: Sequence[str], recording: Recording, look: Look) -> dict[str,
     return chosen
 
 
-def _guide(seen: CameraSource, camera: FisheyeCamera) -> Guide:
-    assert seen.run is not None  # images were looked at
+def _guide(source: CameraSource, camera: FisheyeCamera) -> Guide:
+    assert source.run is not None  # images were looked at
     try:
-        return Guide(seen.run, *where_to_look_again(camera, seen.observations))
+        return Guide(source.run, *where_to_look_again(camera, source.observations))
     except CalibrationError as error:
-        raise type(error)(f"{seen.name}: {error}") from None
+        raise type(error)(f"{source.name}: {error}") from None
 
 
-def _of_images(seen: CameraSource, place: Looking, stamps: Stamps) -> RigSource:
-    observations, run = seen.observations, seen.run
+def _of_images(source: CameraSource, place: Looking, stamps: Stamps) -> RigSource:
+    observations, run = source.observations, source.run
     assert run is not None
     images = [view.index for view in run.views]
     if stamps.numbered:
-        taken = stamps.of_cameras[stamps.names.index(seen.name)][images]
+        taken = stamps.of_cameras[stamps.names.index(source.name)][images]
     else:  # by the camera's clock, so that saved observations can be matched too
         taken = np.array([place.recording.frame(run.topic, image).taken_ns for image in images], dtype=np.int64)
         by_time = tuple(f"{stamp // 10**9}.{stamp % 10**9:09d}" for stamp in taken.tolist())

@@ -36,7 +36,7 @@ def recorded_stamps(topics: Mapping[str, str], recording: Recording) -> Stamps:
     stamps = tuple(np.array(recording.stamps(topic), dtype=np.int64) for topic in topics.values())
     if timed == {True}:
         return Stamps(names, stamps, False)
-    counts = [len(one) for one in stamps]
+    counts = [len(of_camera) for of_camera in stamps]
     called = [
         [recording.frame(topic, i).name for i in range(n)] for topic, n in zip(topics.values(), counts, strict=True)
     ]
@@ -67,7 +67,7 @@ def recorded_moments(stamps: Stamps, tolerance: float, clocks_differ: bool = Fal
     moments = moments[(moments >= 0).sum(axis=1) > 1]
     least = min(map(len, stamps.of_cameras))
     if clocks_differ and 2 * len(moments) < least:
-        by_order = [np.linspace(0, len(one) - 1, least).round().astype(int) for one in stamps.of_cameras]
+        by_order = [np.linspace(0, len(of_camera) - 1, least).round().astype(int) for of_camera in stamps.of_cameras]
         moments = np.stack(by_order, axis=1)
     if len(moments) == 0:
         raise InputError("no two cameras have images of the same time" + _nearest(stamps))

@@ -41,28 +41,28 @@ def write_observations(folder: Path, camera: CameraSource) -> None:
     save_observations(folder / observation_file(camera.name), camera.observations)
 
 
-def write_camera(folder: Path, result: CalibrationResult, seen: CameraSource) -> str | None:
+def write_camera(folder: Path, result: CalibrationResult, source: CameraSource) -> str | None:
     """Write the observations, then the camera file; one that did not converge is marked by its name.
 
     Returns the camera file's name; None for the paper's equation as printed, which is no camera.
     """
-    write_observations(folder, seen)
+    write_observations(folder, source)
     if result.fit.structure.target_axis:
         return None
-    name = f"{seen.name}.yaml" if result.converged else f"{seen.name}.not_converged.yaml"
-    save_camera(folder / name, result, seen.name, seen.source)
-    if seen.target_keys and result.board.bends:
-        save_target(folder / board_file(seen.name), seen.target_keys, result.board)
+    name = f"{source.name}.yaml" if result.converged else f"{source.name}.not_converged.yaml"
+    save_camera(folder / name, result, source.name, source.source)
+    if source.target_keys and result.board.bends:
+        save_target(folder / board_file(source.name), source.target_keys, result.board)
     return name
 
 
-def record_of(result: CalibrationResult, seen: CameraSource, content: Mapping[str, Any]) -> dict[str, Any]:
+def record_of(result: CalibrationResult, source: CameraSource, content: Mapping[str, Any]) -> dict[str, Any]:
     """A camera's part of calibration.json. content: of ``CalibratedCamera.to_dict``."""
     from fisheye_ep_calib.report.from_calibration import calibration_views
     from fisheye_ep_calib.report.record import per_view
 
-    views = calibration_views(seen.observations, result)
-    return {**content, "inputs": seen.inputs(), "per_view": per_view(views)}
+    views = calibration_views(source.observations, result)
+    return {**content, "inputs": source.inputs(), "per_view": per_view(views)}
 
 
 def write_cameras(
@@ -78,15 +78,15 @@ def write_cameras(
     """
     from fisheye_ep_calib.report.record import write_record
 
-    taken = [output / file for _, seen, _ in results for file in files_of(seen.name)]
+    taken = [output / file for _, source, _ in results for file in files_of(source.name)]
     refuse_existing([output / RECORD, *taken], overwrite)
     files: dict[str, Path | None] = {}
     records = {}
     with results_folder(output) as folder:
-        for result, seen, content in results:
-            name = write_camera(folder, result, seen)
-            files[seen.name] = None if name is None else output / name
+        for result, source, content in results:
+            name = write_camera(folder, result, source)
+            files[source.name] = None if name is None else output / name
             yaml = None if name is None else str(output / name)
-            records[seen.name] = record_of(result, seen, {**content, "yaml": yaml})
+            records[source.name] = record_of(result, source, {**content, "yaml": yaml})
         write_record(folder / RECORD, records, dict(failed or {}), {})
     return files

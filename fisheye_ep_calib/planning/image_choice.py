@@ -101,17 +101,17 @@ def closer_look(looked_at: Mapping[int, ViewSignature | None], room: int) -> lis
     return sorted((a + b) // 2 for a, b in promising[:room])
 
 
-def _worth(one: ViewSignature | None, other: ViewSignature | None) -> float:
+def _worth(first: ViewSignature | None, second: ViewSignature | None) -> float:
     """How much changed between two images, in multiples of the least that counts as new."""
-    if one is None and other is None:
+    if first is None and second is None:
         return WORTH_OF_NOTHING
-    if one is None or other is None:
+    if first is None or second is None:
         return WORTH_AT_ENTRY
     least = Novelty()
     return float(
         max(
-            np.linalg.norm(one.position - other.position) / least.position,
-            abs(one.size - other.size) / least.size,
-            np.linalg.norm(one.tilt - other.tilt) / least.tilt,
+            np.linalg.norm(first.position - second.position) / least.position,
+            abs(first.size - second.size) / least.size,
+            np.linalg.norm(first.tilt - second.tilt) / least.tilt,
         )
     )

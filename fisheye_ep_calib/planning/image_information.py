@@ -42,15 +42,19 @@ class _Views:
 
 
 def most_informative(
-    found: Mapping[int, Detection], looked_at: Sequence[int], target: Target, image_size: tuple[int, int], room: int
+    detections: Mapping[int, Detection],
+    looked_at: Sequence[int],
+    target: Target,
+    image_size: tuple[int, int],
+    room: int,
 ) -> list[int]:
     """Up to ``room`` images between those seen, the most informative first; none where too little is known.
 
-    found: image → detection, of those in which the target was found; looked_at: all that were looked at.
+    detections: image → detection, of those in which the target was found; looked_at: all that were looked at.
     """
-    if room < 1 or len(found) < MIN_VIEWS:
+    if room < 1 or len(detections) < MIN_VIEWS:
         return []
-    start = _rough_camera(found, target, image_size)
+    start = _rough_camera(detections, target, image_size)
     if start is None:
         return []
     camera, images, poses = start
@@ -58,17 +62,17 @@ def most_informative(
     if len(between) == 0:
         return []
     points = target.object_points[_some(len(target.object_points))]
-    known = _views(camera, points, images, poses)
+    of_looked_at = _views(camera, points, images, poses)
     candidates = _views(camera, points, between, poses_between)
-    return _greedy(camera, known, candidates, room, LEAST_MOTION * image_size[1])
+    return _greedy(camera, of_looked_at, candidates, room, LEAST_MOTION * image_size[1])
 
 
 def _rough_camera(
-    found: Mapping[int, Detection], target: Target, image_size: tuple[int, int]
+    detections: Mapping[int, Detection], target: Target, image_size: tuple[int, int]
 ) -> tuple[FisheyeCamera, np.ndarray, np.ndarray] | None:
     """A camera with an entrance pupil, the images (V,) that have a pose, and the poses (V, 4, 4)."""
-    images = np.array(sorted(found))
-    parts = [(found[image], _some(len(found[image]))) for image in images.tolist()]
+    images = np.array(sorted(detections))
+    parts = [(detections[image], _some(len(detections[image]))) for image in images.tolist()]
     try:
         observations = Observations.create(
             target.object_points,
@@ -132,12 +136,12 @@ def _middle_between(images: np.ndarray, poses: np.ndarray, between: np.ndarray, 
 
     center = poses[:, :3, :3] @ middle + poses[:, :3, 3]
     distance = np.linalg.norm(center, axis=-1) + 1e-12
-    known = np.column_stack([center / distance[:, None], np.log(distance)])
-    course = Akima1DInterpolator(images, known)(between)
+    positions = np.column_stack([center / distance[:, None], np.log(distance)])
+    course = Akima1DInterpolator(images, positions)(between)
     direction = course[:, :3] / (np.linalg.norm(course[:, :3], axis=-1, keepdims=True) + 1e-12)
     overshoot = np.log(MOST_OVERSHOOT)
     result: np.ndarray = direction * np.exp(
-        np.clip(course[:, 3:], known[:, 3].min() - overshoot, known[:, 3].max() + overshoot)
+        np.clip(course[:, 3:], positions[:, 3].min() - overshoot, positions[:, 3].max() + overshoot)
     )
     return result
 
@@ -168,7 +172,7 @@ def _greedy(camera: FisheyeCamera, so_far: _Views, candidates: _Views, room: int
         taken.append(best)
         total = total + candidates.information[best]
         fresh &= _moved(candidates.pixels, candidates.pixels[best], least_motion)
-    return [int(candidates.images[one]) for one in taken]
+    return [int(candidates.images[row]) for row in taken]
 
 
 def _sought(camera: FisheyeCamera) -> np.ndarray:

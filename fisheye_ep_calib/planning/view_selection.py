@@ -80,9 +80,9 @@ def is_new(candidate: ViewSignature, kept: Sequence[ViewSignature], least: Novel
     return not any(_resembles(candidate, view, least) for view in kept)
 
 
-def _resembles(one: ViewSignature, other: ViewSignature, least: Novelty) -> bool:
+def _resembles(first: ViewSignature, second: ViewSignature, least: Novelty) -> bool:
     return bool(
-        np.linalg.norm(one.position - other.position) < least.position
-        and abs(one.size - other.size) < least.size
-        and np.linalg.norm(one.tilt - other.tilt) < least.tilt
+        np.linalg.norm(first.position - second.position) < least.position
+        and abs(first.size - second.size) < least.size
+        and np.linalg.norm(first.tilt - second.tilt) < least.tilt
     )

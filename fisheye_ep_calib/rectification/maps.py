@@ -52,8 +52,8 @@ def surface_maps(camera: FisheyeCamera, view: View, distance: float = np.inf, su
         length = points[..., 2] if surface == "plane" else np.linalg.norm(points, axis=-1)
         scale = (1.0 if far else distance) / np.where(length > 0, length, np.nan)
         pixels = _project(seen_by, (scale[..., None] * points) @ view.camera_from_view.T)
-        seen = np.isfinite(pixels).all(axis=-1) & (np.abs(pixels) < -UNSEEN).all(axis=-1)
-        maps.x[rows], maps.y[rows] = (np.where(seen, pixels[..., axis], UNSEEN) for axis in range(2))
+        visible = np.isfinite(pixels).all(axis=-1) & (np.abs(pixels) < -UNSEEN).all(axis=-1)
+        maps.x[rows], maps.y[rows] = (np.where(visible, pixels[..., axis], UNSEEN) for axis in range(2))
     return maps
 
 
@@ -95,8 +95,8 @@ class DepthMaps:
         for number in range(_NODES - 2, -1, -1):
             x = x * part + self._coefficients[number, 0]
             y = y * part + self._coefficients[number, 1]
-        seen = np.isfinite(x) & self._in_field(x, y)
-        return Maps(np.where(seen, x, UNSEEN), np.where(seen, y, UNSEEN))
+        inside = np.isfinite(x) & self._in_field(x, y)
+        return Maps(np.where(inside, x, UNSEEN), np.where(inside, y, UNSEEN))
 
     def _in_field(self, x: np.ndarray, y: np.ndarray) -> BoolArray:
         """Whether pixels lie within the image of theta_limit; its edge is taken to be an ellipse."""
@@ -114,9 +114,9 @@ def _central(camera: FisheyeCamera) -> FisheyeCamera:
 
 def _project(camera: FisheyeCamera, points: np.ndarray) -> np.ndarray:
     """Fisheye pixels (..., 2) of points (..., 3) in the camera frame; NaN where there are none."""
-    known = np.isfinite(points).all(axis=-1)
-    pixels, valid = camera.project(np.where(known[..., None], points, (0.0, 0.0, 1.0)))
-    return np.where((known & valid)[..., None], pixels, np.nan)
+    finite = np.isfinite(points).all(axis=-1)
+    pixels, valid = camera.project(np.where(finite[..., None], points, (0.0, 0.0, 1.0)))
+    return np.where((finite & valid)[..., None], pixels, np.nan)
 
 
 def _bands(view: View) -> Iterator[slice]:

@@ -74,9 +74,9 @@ class Rectifier:
                 self._depth_maps = DepthMaps(self.camera, self.view, self._nearest_depth)
         if depth.shape != self.view.size[::-1]:
             depth = cv2.resize(depth.astype(np.float32, copy=False), self.view.size, interpolation=cv2.INTER_NEAREST)
-        found, elsewhere = self._depth_maps.at(depth), self.maps(distance)
-        known = depth > 0
-        return Maps(np.where(known, found.x, elsewhere.x), np.where(known, found.y, elsewhere.y))
+        maps, elsewhere = self._depth_maps.at(depth), self.maps(distance)
+        measured = depth > 0
+        return Maps(np.where(measured, maps.x, elsewhere.x), np.where(measured, maps.y, elsewhere.y))
 
 
 def rectify(

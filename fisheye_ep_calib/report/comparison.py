@@ -13,7 +13,7 @@ from fisheye_ep_calib.report.data import ModelCurve
 def write_comparison(
     path: str | PathLike[str],
     names: tuple[str, str],
-    found: CameraDifference,
+    cameras: CameraDifference,
     alignment: str,
     curves: tuple[ModelCurve, ModelCurve],
     size: tuple[int, int],
@@ -26,9 +26,9 @@ def write_comparison(
     from fisheye_ep_calib.report.panels import Panel
     from fisheye_ep_calib.storage.atomic import atomic_write
 
-    rows = summaries(found)
-    theta, difference, expected = by_ring(found)
-    labels = [distance_text(distance) for distance in found.distance_m]
+    rows = summaries(cameras)
+    theta, difference, expected = by_ring(cameras)
+    labels = [distance_text(distance) for distance in cameras.distance_m]
     panels = [
         Panel(
             "by-angle",
@@ -40,15 +40,15 @@ def write_comparison(
     ]
     for number, label in enumerate(labels):
         identity = f"vectors-{number}"
-        drawn, factor = difference_vectors_figure(found.pixels, found.difference_px[number], size, identity)
+        drawn, factor = difference_vectors_figure(cameras.pixels, cameras.difference_px[number], size, identity)
         panels.append(Panel(identity, f"At {label}", drawn, f"B minus A, enlarged {factor:g} times."))
-    agree, sentence = agreement(found, rows)
+    agree, sentence = agreement(cameras, rows)
     text = render(
         "compare.html",
         title=f"{names[0]} against {names[1]}",
         level={True: "good", False: "caution", None: "caution"}[agree],
         sentence=sentence,
-        alignment=alignment_text(found, alignment),
+        alignment=alignment_text(cameras, alignment),
         names=names,
         rows=rows,
         panels=panels,

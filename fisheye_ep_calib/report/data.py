@@ -176,7 +176,7 @@ class CameraReport:
     def intrinsics(self) -> tuple[Parameter, ...]:
         """What a person looks for first."""
         wanted = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4")
-        return tuple(one for name in wanted for one in self.parameters if one.name == name)
+        return tuple(parameter for name in wanted for parameter in self.parameters if parameter.name == name)
 
     @property
     def pupil_explained(self) -> str:
@@ -188,7 +188,7 @@ class CameraReport:
             "Light enters a fisheye through a point that slides along the lens's axis, the more the farther off the "
             "axis it comes from; E(θ) is by how much. It matters for what is close to the lens."
         )
-        curve = next((one for one in self.models if one.chosen), None)
+        curve = next((model for model in self.models if model.chosen), None)
         if curve is None or not np.any(curve.pupil):
             return f"{told} In this camera all rays are taken to pass through one point."
         clear = np.abs(curve.pupil) / np.where(curve.pupil_sigma > 0, curve.pupil_sigma, np.inf)

@@ -96,11 +96,13 @@ def _rejected(result: CalibrationResult) -> tuple[Rejected, ...]:
         (int(image), int(point)): index
         for index, (image, point) in enumerate(zip(observations.image_index, observations.point_index, strict=True))
     }
-    found = []
-    for one in sorted(result.rejected, key=lambda one: -np.hypot(*one.residual)):
-        u, v = observations.pixels[row[one.view, one.point]]
-        found.append(Rejected(observations.image_names[one.view], one.point, (float(u), float(v)), one.residual))
-    return tuple(found)
+    points = []
+    for rejected in sorted(result.rejected, key=lambda rejected: -np.hypot(*rejected.residual)):
+        u, v = observations.pixels[row[rejected.view, rejected.point]]
+        points.append(
+            Rejected(observations.image_names[rejected.view], rejected.point, (float(u), float(v)), rejected.residual)
+        )
+    return tuple(points)
 
 
 def _facts(result: CalibrationResult) -> dict[str, str]:
@@ -129,8 +131,8 @@ def _uncertainty_maps(result: CalibrationResult, recorded: float) -> tuple[Uncer
     origins[..., 2] = -camera.entrance_pupil(theta)
     maps = []
     for distance in (recorded, np.inf):
-        points, seen = points_on_rays(origins, directions, np.full(theta.shape, distance))
+        points, in_field = points_on_rays(origins, directions, np.full(theta.shape, distance))
         pixels, _ = camera.project(points)
         sigma = projection_uncertainty(camera, result.uncertainty, result.fit.problem.free, points)
-        maps.append(UncertaintyMap(float(distance), pixels, np.where(seen, sigma, np.nan)))
+        maps.append(UncertaintyMap(float(distance), pixels, np.where(in_field, sigma, np.nan)))
     return tuple(maps)

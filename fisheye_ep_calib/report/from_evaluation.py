@@ -29,7 +29,7 @@ def evaluation_report(
     name: str,
     file: CameraFile,
     observations: Observations,
-    found: Evaluation,
+    evaluation: Evaluation,
     *,
     inputs: dict[str, str] | None = None,
     image: Callable[[int], np.ndarray] | None = None,
@@ -40,28 +40,30 @@ def evaluation_report(
 
     board: the shape that the target was given; None where it was taken as its file has it. expected_px: RMS.
     """
-    used = used_sightings(found, observations)
-    residuals = residuals_of(observations, found.images, found.camera_from_target, found.error, found.theta, used)
-    images = [int(number) for number in found.images]
+    used = used_sightings(evaluation, observations)
+    residuals = residuals_of(
+        observations, evaluation.images, evaluation.camera_from_target, evaluation.error, evaluation.theta, used
+    )
+    images = [int(number) for number in evaluation.images]
     views = views_of([observations.image_names[number] for number in images], residuals)
     if image is not None:
         views = with_pictures(views, images, image, BUDGET)
     camera, table = file.camera, file.projection_uncertainty
-    findings = evaluation_findings(found, observations, camera.theta_max)
+    findings = evaluation_findings(evaluation, observations, camera.theta_max)
     return CameraReport(
         name=name,
         kind="evaluation",
         image_size=camera.image_size,
-        verdict=evaluation_verdict(found, expected_px, findings, camera.image_size),
+        verdict=evaluation_verdict(evaluation, expected_px, findings, camera.image_size),
         findings=findings,
         facts={
             "model": camera.model,
-            "RMS": f"{found.rms_px:.3f} px",
+            "RMS": f"{evaluation.rms_px:.3f} px",
             "expected": "–" if expected_px is None else f"{expected_px:.3f} px",
-            "median": f"{found.median_px:.3f} px",
-            "95 % below": f"{found.p95_px:.3f} px",
-            "views": f"{len(found.images)}",
-            "points": f"{found.points}",
+            "median": f"{evaluation.median_px:.3f} px",
+            "95 % below": f"{evaluation.p95_px:.3f} px",
+            "views": f"{len(evaluation.images)}",
+            "points": f"{evaluation.points}",
         },
         models=(pupil_curve(camera.model, camera, file.covariance, angles(camera), True),),
         lens=lens_curve(camera, file.covariance),
@@ -73,7 +75,7 @@ def evaluation_report(
         if table
         else None,
         stand_in=StandInLoss(file.stand_in_distance, file.stand_in_loss_px) if file.stand_in_loss_px else None,
-        unused={observations.image_names[image]: reason for image, reason in found.failed.items()},
+        unused={observations.image_names[image]: reason for image, reason in evaluation.failed.items()},
         board=board,
         inputs=inputs or {},
     )

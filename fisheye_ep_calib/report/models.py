@@ -51,15 +51,15 @@ def compared_models(result: CalibrationResult) -> tuple[ModelCurve, ...]:
     return tuple(
         pupil_curve(
             name,
-            one.camera,
-            one.covariance,
+            entry.camera,
+            entry.covariance,
             theta,
             name == result.model,
-            parameters=one.parameters,
-            rms_px=one.rms_px,
-            cross_validated_rms_px=one.cross_validated_rms_px,
+            parameters=entry.parameters,
+            rms_px=entry.rms_px,
+            cross_validated_rms_px=entry.cross_validated_rms_px,
         )
-        for name, one in result.comparison.items()
+        for name, entry in result.comparison.items()
     )
 
 

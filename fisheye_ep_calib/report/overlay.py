@@ -28,7 +28,7 @@ def overlays_of(camera: CameraReport) -> tuple[tuple[Overlay, ...], float]:
     for row, view in enumerate(camera.views):
         own = camera.residuals.view == row
         pixels, error = camera.residuals.pixels[own], factor * camera.residuals.error[own]
-        wrong = [one.pixel for one in camera.rejected if one.view == view.name]
+        wrong = [point.pixel for point in camera.rejected if point.view == view.name]
         overlays.append(
             Overlay(
                 "".join(f"M{u - dot / 2:.1f} {v - dot / 2:.1f}h{dot:g}v{dot:g}h-{dot:g}z" for u, v in pixels),

@@ -166,14 +166,14 @@ def _coverage_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
 
 def _uncertainty_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
     panels = []
-    for number, one in enumerate(camera.uncertainty_maps):
+    for number, uncertainty in enumerate(camera.uncertainty_maps):
         identity = f"{prefix}-uncertainty-{number}"
-        where = distance_text(one.distance_m)
+        where = distance_text(uncertainty.distance_m)
         panels.append(
             Panel(
                 identity,
                 f"Projection uncertainty at {where}",
-                uncertainty_figure(one, camera.image_size, identity),
+                uncertainty_figure(uncertainty, camera.image_size, identity),
                 "Colours: 1σ per axis in pixels, by the scale. Where noise alone may have moved a projected point. "
                 "It knows nothing of errors of the model.",
             )

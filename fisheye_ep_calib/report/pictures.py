@@ -24,7 +24,7 @@ def with_pictures(
 
     An image that can no longer be read leaves its view without a picture.
     """
-    found, spent = list(views), 0
+    pictured, spent = list(views), 0
     for row in sorted(range(len(views)), key=lambda row: -np.nan_to_num(views[row].rms_px, nan=np.inf))[:_MOST]:
         if spent >= budget:
             break
@@ -32,9 +32,9 @@ def with_pictures(
             picture = picture_of(image(images[row]), _FULL if spent < budget / 2 else _SMALL)
         except CalibrationError:
             continue
-        found[row] = replace(views[row], picture=picture)
+        pictured[row] = replace(views[row], picture=picture)
         spent += len(picture.jpeg)
-    return tuple(found)
+    return tuple(pictured)
 
 
 def picture_of(grey: np.ndarray, longest: int = _FULL) -> Picture:

@@ -71,7 +71,7 @@ def write_target(target: Target, path: str | PathLike[str], page: str = "a4", ca
     path = Path(path)
     kind = path.suffix.lower().removeprefix(".")
     if kind not in _NO_DATE:
-        raise InputError(f"{path}: the name must end in {', '.join(f'.{known}' for known in _NO_DATE)}")
+        raise InputError(f"{path}: the name must end in {', '.join(f'.{ending}' for ending in _NO_DATE)}")
     layout = lay_out(target, page, caption or f"{target.name}.yaml")
     if kind == "png" and max(layout.width, layout.height) * DOTS_PER_MM > MOST_DOTS:
         size = f"{layout.width:g} × {layout.height:g} mm"

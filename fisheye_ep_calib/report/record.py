@@ -24,8 +24,8 @@ _LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "opencv-python", "cali
 
 def versions() -> dict[str, str]:
     """What the result was made with: this program, Python and the libraries that it counts on."""
-    found = {"fisheye_ep_calib": __version__, "python": platform.python_version()}
-    return found | {name: version for name in _LIBRARIES if (version := _version(name))}
+    of_packages = {"fisheye_ep_calib": __version__, "python": platform.python_version()}
+    return of_packages | {name: version for name in _LIBRARIES if (version := _version(name))}
 
 
 def now() -> str:

@@ -77,7 +77,9 @@ def clocks_of_rig(
     stamps_ns: of each camera's images. camera_from_target: of each camera, image number → pose (4, 4).
     """
     images = [np.array(sorted(poses), dtype=int) for poses in camera_from_target]
-    stamps = [np.asarray(one, dtype=np.int64)[of_camera] for one, of_camera in zip(stamps_ns, images, strict=True)]
+    stamps = [
+        np.asarray(of_all, dtype=np.int64)[of_camera] for of_all, of_camera in zip(stamps_ns, images, strict=True)
+    ]
     poses = [
         np.array([of[image] for image in of_camera]).reshape(-1, 4, 4)
         for of, of_camera in zip(camera_from_target, images, strict=True)
@@ -110,7 +112,7 @@ def _candidates(a: np.ndarray, b: np.ndarray, tolerance: int) -> list[int]:
         middle = int(np.median(differences[start : start + counts[start]]))
         if all(abs(middle - other) > tolerance for other in chosen):
             chosen.append(middle)
-    return [one for one in chosen if len(_common(a, b, one, tolerance)) >= _LEAST_VIEWS]
+    return [difference for difference in chosen if len(_common(a, b, difference, tolerance)) >= _LEAST_VIEWS]
 
 
 def _common(a: np.ndarray, b: np.ndarray, offset: int, tolerance: int) -> np.ndarray:

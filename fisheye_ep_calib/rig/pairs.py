@@ -60,10 +60,10 @@ def pair_pose(
 
 
 def best_symmetry(
-    expected: np.ndarray, found: np.ndarray, symmetries: Sequence[Symmetry], points: np.ndarray
+    expected: np.ndarray, measured: np.ndarray, symmetries: Sequence[Symmetry], points: np.ndarray
 ) -> tuple[int, float]:
     """Which symmetry makes a pose that was found (4, 4) most like an expected one, and how far off it is then."""
-    turned = np.stack([found @ symmetry.motion for symmetry in symmetries])
+    turned = np.stack([measured @ symmetry.motion for symmetry in symmetries])
     off = _relative_distance(turned, expected[None], points)
     best = int(np.argmin(off))
     return best, float(off[best])
@@ -84,14 +84,14 @@ def _apart(candidates: np.ndarray, chosen: np.ndarray, b_from_target: np.ndarray
     return middle
 
 
-def _relative_distance(one: np.ndarray, other: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _relative_distance(first: np.ndarray, second: np.ndarray, points: np.ndarray) -> np.ndarray:
     """RMS distance (...) between the target's points at two poses (..., 4, 4), over their distance from the camera."""
     spread = np.cov(points.T, bias=True)
     middle = points.mean(axis=0)
-    turn = one[..., :3, :3] - other[..., :3, :3]
-    shift = (one - other)[..., :3, 3] + turn @ middle
+    turn = first[..., :3, :3] - second[..., :3, :3]
+    shift = (first - second)[..., :3, 3] + turn @ middle
     # Mean of |turn p + shift|² over the points: the middle's part and that of the spread around it.
     square = (shift**2).sum(axis=-1) + np.einsum("...ij,jk,...ik->...", turn, spread, turn)
-    place = 0.5 * (one + other)[..., :3, 3] + 0.5 * (one + other)[..., :3, :3] @ middle
+    place = 0.5 * (first + second)[..., :3, 3] + 0.5 * (first + second)[..., :3, :3] @ middle
     relative: FloatArray = np.sqrt(np.maximum(square, 0)) / np.maximum(np.linalg.norm(place, axis=-1), 1e-9)
     return relative

@@ -42,12 +42,12 @@ def simultaneous(stamps_ns: Sequence[np.ndarray], tolerance_ns: int) -> np.ndarr
     return np.array(moments, dtype=int).reshape(-1, len(stamps_ns))
 
 
-def nearest_ns(one: np.ndarray, other: np.ndarray) -> int:
+def nearest_ns(first: np.ndarray, second: np.ndarray) -> int:
     """The least time between images of two cameras (n,), (m,); both not empty."""
-    one, other = np.sort(np.asarray(one, dtype=np.int64)), np.asarray(other, dtype=np.int64)
-    place = np.searchsorted(one, other)
-    before, after = one[np.maximum(place - 1, 0)], one[np.minimum(place, len(one) - 1)]
-    return int(np.minimum(np.abs(other - before), np.abs(after - other)).min())
+    first, second = np.sort(np.asarray(first, dtype=np.int64)), np.asarray(second, dtype=np.int64)
+    place = np.searchsorted(first, second)
+    before, after = first[np.maximum(place - 1, 0)], first[np.minimum(place, len(first) - 1)]
+    return int(np.minimum(np.abs(second - before), np.abs(after - second)).min())
 
 
 def numbers_of_names(names: Sequence[Sequence[str]]) -> list[np.ndarray] | None:
@@ -57,14 +57,14 @@ def numbers_of_names(names: Sequence[Sequence[str]]) -> list[np.ndarray] | None:
     """
     numbers = []
     for of_camera in names:
-        found = [re.findall(r"\d{1,18}", re.sub(r"\.\w{1,5}$", "", name)) for name in of_camera]
-        if not all(found):
+        in_names = [re.findall(r"\d{1,18}", re.sub(r"\.\w{1,5}$", "", name)) for name in of_camera]
+        if not all(in_names):
             return None
-        numbers.append(np.array([int(digits[-1]) for digits in found], dtype=np.int64))
-    if any(len(np.unique(one)) < len(one) for one in numbers):
+        numbers.append(np.array([int(digits[-1]) for digits in in_names], dtype=np.int64))
+    if any(len(np.unique(own)) < len(own) for own in numbers):
         return None
-    for one in numbers:
-        if not any(2 * np.isin(one, other).sum() > len(one) for other in numbers if other is not one):
+    for own in numbers:
+        if not any(2 * np.isin(own, other).sum() > len(own) for other in numbers if other is not own):
             return None
     return numbers
 
@@ -73,8 +73,8 @@ def stamps_of_names(names: Sequence[str]) -> np.ndarray:
     """Nanoseconds (V,) from images' names as recordings give them, seconds.nanoseconds. Raises InputError."""
     stamps = []
     for name in names:
-        found = _STAMP.fullmatch(name)
-        if found is None:
+        match = _STAMP.fullmatch(name)
+        if match is None:
             raise InputError(f"image {name!r} is not named by its time, so it cannot be matched with other cameras")
-        stamps.append(int(found[1]) * 10**9 + int(found[2]))
+        stamps.append(int(match[1]) * 10**9 + int(match[2]))
     return np.array(stamps, dtype=np.int64)

@@ -11,4 +11,4 @@ _NAMED = re.compile(r"`([a-z][a-z_]*)`")
 
 def with_parameters(message: str) -> str:
     """The message with the node's parameters named."""
-    return _NAMED.sub(lambda found: f"parameter {_NODES.get(found[1], found[1])}", message)
+    return _NAMED.sub(lambda match: f"parameter {_NODES.get(match[1], match[1])}", message)

@@ -91,8 +91,8 @@ class RectifierNode:
             if not self.node.context.ok():
                 return  # interrupted: nothing can be published any more
             self._unusable += 1
-            said = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-            self._announcer.warn_once("image", f"an image cannot be rectified: {said.splitlines()[0]}")
+            text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+            self._announcer.warn_once("image", f"an image cannot be rectified: {text.splitlines()[0]}")
 
     def _rectify(self, message: Any) -> None:
         header = Header(stamp=message.header.stamp, frame_id=self._frame_id(message.header.frame_id))

@@ -27,7 +27,7 @@ class StatusPublisher:
         if rig is not None:
             content["rig"] = rig.as_dict()
         self._status.publish(String(data=json_text(content)))
-        array = DiagnosticArray(status=[self._diagnostic(one) for one in (*cameras, *filter(None, [rig]))])
+        array = DiagnosticArray(status=[self._diagnostic(status) for status in (*cameras, *filter(None, [rig]))])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 

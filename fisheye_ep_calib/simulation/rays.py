@@ -71,8 +71,8 @@ def plane_points(
     direction = rays.directions[area] @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = -origin[..., 2] / direction[..., 2]
-        seen = (distance > 0) & (origin[..., 2] * faces > 0)
-        distance[~seen] = np.nan
+        in_front = (distance > 0) & (origin[..., 2] * faces > 0)
+        distance[~in_front] = np.nan
     return origin[..., 0] + distance * direction[..., 0], origin[..., 1] + distance * direction[..., 1]
 
 

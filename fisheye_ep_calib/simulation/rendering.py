@@ -84,8 +84,8 @@ def _background(camera: SceneCamera, imaging: Imaging) -> np.ndarray:
         for cells in (12, 40, 150):
             coarse = rng.uniform(-1, 1, (cells, cells)).astype(np.float32)
             image += imaging.texture / 2 * cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
-    seen = np.isfinite(pixel_rays(camera).directions[1:-1, 1:-1, 2])
-    return np.where(seen, np.maximum(image, 0), np.float32(0))
+    in_field = np.isfinite(pixel_rays(camera).directions[1:-1, 1:-1, 2])
+    return np.where(in_field, np.maximum(image, 0), np.float32(0))
 
 
 def _board(

@@ -154,11 +154,11 @@ def _left_open(pupil: PupilLeftOpen | None) -> dict[str, Any]:
 
 
 def _read_left_open(block: dict[str, Any]) -> PupilLeftOpen | None:
-    found = block.get("pupil_left_open")
-    if found is None:
+    content = block.get("pupil_left_open")
+    if content is None:
         return None
-    covariance = [_floats(row) for row in found["covariance"]]
-    return PupilLeftOpen.of(_text(found, "model"), _floats(found["coefficients"]), covariance)
+    covariance = [_floats(row) for row in content["covariance"]]
+    return PupilLeftOpen.of(_text(content, "model"), _floats(content["coefficients"]), covariance)
 
 
 def _projection_uncertainty(result: CalibrationResult) -> dict[str, Any]:
@@ -278,8 +278,8 @@ def _facts(block: dict[str, Any]) -> dict[str, Any]:
 
 def _fact(name: str, value: Any) -> Any:
     """A number, a text, a date, or a list of them: what a program can print."""
-    if isinstance(value, list) and not any(isinstance(one, list) for one in value):
-        return [_fact(name, one) for one in value]
+    if isinstance(value, list) and not any(isinstance(element, list) for element in value):
+        return [_fact(name, element) for element in value]
     if isinstance(value, datetime.date):
         return value.isoformat()
     if value is not None and not isinstance(value, str | int | float):
@@ -317,7 +317,7 @@ def _covariance(block: dict[str, Any], camera: FisheyeCamera) -> np.ndarray:
 
 def _board_warp(values: Iterable[Any]) -> np.ndarray:
     """Shorter lists are filled with zeros: the twist came last."""
-    known = _floats(values)
-    if len(known) > len(WARP_NAMES) or not np.isfinite(known).all():
+    floats = _floats(values)
+    if len(floats) > len(WARP_NAMES) or not np.isfinite(floats).all():
         raise InputError(f"board_warp holds up to {len(WARP_NAMES)} finite numbers")
-    return np.array(known + [0.0] * (len(WARP_NAMES) - len(known)))
+    return np.array(floats + [0.0] * (len(WARP_NAMES) - len(floats)))

@@ -20,7 +20,7 @@ def fingerprint(path: str | os.PathLike[str]) -> str | None:
     try:
         if path.is_dir():
             digest = hashlib.sha256()
-            for file in sorted(one for one in path.rglob("*") if one.is_file()):
+            for file in sorted(entry for entry in path.rglob("*") if entry.is_file()):
                 status = file.stat()
                 digest.update(os.fsencode(file.relative_to(path)))
                 digest.update(f"\0{status.st_size} {status.st_mtime_ns}\0".encode())

@@ -61,8 +61,8 @@ def _size(content: bytes | memoryview) -> tuple[int, int] | None:
     if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
         return _webp_size(content)
     if content[:1] == b"P" and content[1:2] in (b"1", b"2", b"3", b"4", b"5", b"6"):
-        found = PNM_HEADER.match(bytes(content[:PNM_HEADER_BYTES]))
-        return (int(found[1]), int(found[2])) if found else None
+        match = PNM_HEADER.match(bytes(content[:PNM_HEADER_BYTES]))
+        return (int(match[1]), int(match[2])) if match else None
     return None
 
 

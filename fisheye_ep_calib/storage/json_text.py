@@ -15,9 +15,9 @@ def json_text(content: dict[str, Any]) -> str:
 def plain(value: Any) -> Any:
     """Numbers that JSON cannot say become null (NaN) or the words inf and -inf."""
     if isinstance(value, dict):
-        return {str(key): plain(one) for key, one in value.items()}
+        return {str(key): plain(element) for key, element in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [plain(element) for element in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     return value

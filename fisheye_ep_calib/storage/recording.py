@@ -195,10 +195,10 @@ def choose_topics(recording: Recording, wanted: Sequence[str] = (), several: boo
     for name in wanted:
         if name not in {topic.name for topic in topics}:
             kind = recording.topics.get(name)
-            said = f"topic {name} is of type {kind}" if kind else f"there is no topic {name}"
+            problem = f"topic {name} is of type {kind}" if kind else f"there is no topic {name}"
             if kind in (*IMAGE_TYPES, IMAGE_FILE):
-                said = f"topic {name} holds no images"
-            raise InputError(f"{said}; image topics: {listed}")
+                problem = f"topic {name} holds no images"
+            raise InputError(f"{problem}; image topics: {listed}")
     return tuple(wanted)
 
 

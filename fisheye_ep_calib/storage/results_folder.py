@@ -55,12 +55,12 @@ def _remove_abandoned(staging: Path) -> None:
     """What processes that were killed have left of folders for the same results; another machine's may be young."""
     head = staging.name.removesuffix(f"{os.getpid()}.unfinished")
     for path in staging.parent.iterdir():
-        found = re.fullmatch(re.escape(head) + r"(\d{1,9})\.unfinished", path.name, re.ASCII)
-        if not found or not path.is_dir() or path.is_symlink():
+        match = re.fullmatch(re.escape(head) + r"(\d{1,9})\.unfinished", path.name, re.ASCII)
+        if not match or not path.is_dir() or path.is_symlink():
             continue
-        own = int(found[1]) == os.getpid()
+        own = int(match[1]) == os.getpid()
         old = time.time() - path.stat().st_mtime > _ABANDONED_SECONDS
-        if own or (old and not _process_lives(int(found[1]))):
+        if own or (old and not _process_lives(int(match[1]))):
             shutil.rmtree(path, ignore_errors=True)
 
 

@@ -47,24 +47,24 @@ def pages(content: bytes | memoryview | mmap, most: int = MOST_PAGES) -> list[Pa
         layout, position = _Layout(order, "Q", "Q", 20, 12), 8
     else:
         layout, position = _Layout(order, "I", "H", 12, 8), 4
-    found: list[Page] = []
+    listed: list[Page] = []
     (directory,) = struct.unpack_from(order + layout.offset, content, position)
-    seen: set[int] = set()
-    while directory and directory not in seen and len(seen) < most:
-        seen.add(directory)
+    visited: set[int] = set()
+    while directory and directory not in visited and len(visited) < most:
+        visited.add(directory)
         try:
             tags, directory = _directory(content, directory, layout)
         except struct.error:
-            if not found:
+            if not listed:
                 raise
             break
         if _WIDTH not in tags or _HEIGHT not in tags:
-            if not found:
+            if not listed:
                 raise InputError("the TIFF declares no size")
             break
-        if not tags.get(_KIND_OF_PAGE, 0) & _REDUCED_OR_MASK or len(seen) == 1:
-            found.append(Page(len(seen) - 1, tags[_WIDTH], tags[_HEIGHT]))
-    return found
+        if not tags.get(_KIND_OF_PAGE, 0) & _REDUCED_OR_MASK or len(visited) == 1:
+            listed.append(Page(len(visited) - 1, tags[_WIDTH], tags[_HEIGHT]))
+    return listed
 
 
 def _directory(content: bytes | memoryview | mmap, position: int, layout: _Layout) -> tuple[dict[int, int], int]:
@@ -73,14 +73,14 @@ def _directory(content: bytes | memoryview | mmap, position: int, layout: _Layou
     if entries > _MOST_ENTRIES:
         raise struct.error("more entries than a directory has")
     position += struct.calcsize(layout.entries)
-    found = {}
+    fields = {}
     for _ in range(entries):
         tag, kind = struct.unpack_from(f"{layout.order}HH", content, position)
         if tag in (_KIND_OF_PAGE, _WIDTH, _HEIGHT) and kind in _FIELDS:
-            (found[tag],) = struct.unpack_from(layout.order + _FIELDS[kind], content, position + layout.value_at)
+            (fields[tag],) = struct.unpack_from(layout.order + _FIELDS[kind], content, position + layout.value_at)
         position += layout.entry_bytes
     try:
         (following,) = struct.unpack_from(layout.order + layout.offset, content, position)
     except struct.error:
         following = 0
-    return found, following
+    return fields, following

@@ -44,12 +44,12 @@ class Packet(NamedTuple):
 
 def packet_of(message: Message, type_name: str) -> Packet | None:
     """The packet of video in a message; None where it is a CompressedImage of a picture. Raises InputError."""
-    said = str(message.encoding if type_name == FFMPEG_PACKET else message.format).lower()
-    codec = next((codec for word, codec in _CODECS if word in said), None)
+    encoding = str(message.encoding if type_name == FFMPEG_PACKET else message.format).lower()
+    codec = next((codec for word, codec in _CODECS if word in encoding), None)
     if codec is None:
         if type_name not in VIDEO_TYPES:
             return None
-        raise InputError(f"the video's codec {said[:20]!r} is not known")
+        raise InputError(f"the video's codec {encoding[:20]!r} is not known")
     data = bytes(message.data)
     return Packet(codec, data, _is_key(data, codec))
 
@@ -58,7 +58,7 @@ def _is_key(data: bytes, codec: str) -> bool:
     """Whether decoding can begin here: an IDR or random-access unit among those of the packet (Annex B)."""
     if codec not in _KEY_UNITS:
         return False
-    kinds = (found[1][0] for found in _UNIT_START.finditer(data[:_SEARCHED]))
+    kinds = (match[1][0] for match in _UNIT_START.finditer(data[:_SEARCHED]))
     return any((kind >> 1 & 0x3F if codec == "hevc" else kind & 0x1F) in _KEY_UNITS[codec] for kind in kinds)
 
 

@@ -32,14 +32,14 @@ def local_axes(cells: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.nd
     """Pixels per lattice step (k, 2, 2), columns x and y, and whether both are known (k,)."""
     beside = neighbours(cells)
     axes = np.zeros((len(cells), 2, 2))
-    known = np.ones(len(cells), dtype=bool)
+    defined = np.ones(len(cells), dtype=bool)
     for axis, (ahead, behind) in enumerate(((0, 1), (2, 3))):
         after = np.where(beside[:, ahead, None] >= 0, pixels[beside[:, ahead]], pixels)
         before = np.where(beside[:, behind, None] >= 0, pixels[beside[:, behind]], pixels)
         steps = (beside[:, ahead] >= 0).astype(int) + (beside[:, behind] >= 0)
         axes[:, :, axis] = (after - before) / np.maximum(steps, 1)[:, None]
-        known &= steps > 0
-    return axes, known
+        defined &= steps > 0
+    return axes, defined
 
 
 def local_bend(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -54,13 +54,13 @@ def local_bend(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         # At an end of a line the nearest point that has both neighbours stands in.
         for middle in (beside[:, behind], beside[:, ahead], np.arange(len(cells))):
             after, before = step(middle, ahead), step(middle, behind)
-            known = (middle >= 0) & (after >= 0) & (before >= 0)
+            complete = (middle >= 0) & (after >= 0) & (before >= 0)
             second = pixels[after] + pixels[before] - 2 * pixels[middle]
-            bend[known, :, column] = second[known]
+            bend[complete, :, column] = second[complete]
     corners = [step(beside[:, across], along) for across in (0, 1) for along in (2, 3)]
-    known = np.all([corner >= 0 for corner in corners], axis=0)
+    complete = np.all([corner >= 0 for corner in corners], axis=0)
     mixed = (pixels[corners[0]] - pixels[corners[1]] - pixels[corners[2]] + pixels[corners[3]]) / 4
-    bend[known, :, 1] = mixed[known]
+    bend[complete, :, 1] = mixed[complete]
     return bend
 
 
@@ -80,16 +80,16 @@ def line_residuals(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     best = np.full(len(cells), np.nan)
     for direction in range(4):
         opposite = direction ^ 1
-        one = beside[:, direction]
-        two = step(one, direction)
-        three = step(two, direction)
+        first = beside[:, direction]
+        second = step(first, direction)
+        third = step(second, direction)
         other = beside[:, opposite]
         far = step(other, opposite)
-        around = (one >= 0) & (two >= 0) & (other >= 0) & (far >= 0)
-        middle = (4 * pixels[one] + 4 * pixels[other] - pixels[two] - pixels[far]) / 6 - pixels
-        beyond = (3 * pixels[one] - 3 * pixels[two] + pixels[three] - pixels) / np.sqrt(19)
-        for known, rest in ((around, middle), ((one >= 0) & (two >= 0) & (three >= 0), beyond)):
-            best = np.where(known, np.fmin(best, np.linalg.norm(rest, axis=1)), best)
+        around = (first >= 0) & (second >= 0) & (other >= 0) & (far >= 0)
+        middle = (4 * pixels[first] + 4 * pixels[other] - pixels[second] - pixels[far]) / 6 - pixels
+        beyond = (3 * pixels[first] - 3 * pixels[second] + pixels[third] - pixels) / np.sqrt(19)
+        for complete, rest in ((around, middle), ((first >= 0) & (second >= 0) & (third >= 0), beyond)):
+            best = np.where(complete, np.fmin(best, np.linalg.norm(rest, axis=1)), best)
     return best
 
 
@@ -100,11 +100,11 @@ def smooth(cells: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     or six times what is usual in the patch.
     """
     rest = line_residuals(cells, pixels)
-    known = np.isfinite(rest)
-    if not known.any():
+    finite = np.isfinite(rest)
+    if not finite.any():
         return np.ones(len(cells), dtype=bool)
     allowed = 0.3 + 0.04 * np.minimum(local_pitch(cells, pixels), 1000)
-    result: np.ndarray = ~known | (rest < np.maximum(allowed, 6 * float(np.median(rest[known]))))
+    result: np.ndarray = ~finite | (rest < np.maximum(allowed, 6 * float(np.median(rest[finite]))))
     return result
 
 
@@ -118,8 +118,8 @@ def is_regular(cells: np.ndarray, pixels: np.ndarray) -> bool:
     right, down = beside[:, 0], beside[:, 2]
     squares = int(((right >= 0) & (down >= 0) & (beside[right, 2] >= 0)).sum())
     rest = line_residuals(cells, pixels) / local_pitch(cells, pixels)
-    known = np.isfinite(rest)
-    bent = float(np.median(rest[known])) if known.sum() >= 4 else 0.0
+    finite = np.isfinite(rest)
+    bent = float(np.median(rest[finite])) if finite.sum() >= 4 else 0.0
     return squares >= max(2, 0.2 * len(cells)) and bent < MOST_BEND
 
 
@@ -131,7 +131,7 @@ def extrapolate(cells: np.ndarray, pixels: np.ndarray, ahead: int = 1) -> tuple[
     a + n (a − b) from two points, and n (n + 1)/2 (a − 2b + c) more from three.
     """
     at = {tuple(cell): pixel for cell, pixel in zip(cells.tolist(), pixels, strict=True)}
-    found: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}
+    estimates: dict[tuple[int, int], list[tuple[np.ndarray, float]]] = {}
     for (x, y), near in at.items():
         for step_x, step_y in DIRECTIONS.tolist():
             site = (x + ahead * step_x, y + ahead * step_y)
@@ -142,9 +142,9 @@ def extrapolate(cells: np.ndarray, pixels: np.ndarray, ahead: int = 1) -> tuple[
             step = near - second
             bend = 0.0 if third is None else near - 2 * second + third
             guess = near + ahead * step + ahead * (ahead + 1) / 2 * bend
-            found.setdefault(site, []).append((guess, float(np.hypot(*step))))
-    sites = np.array(list(found), dtype=int).reshape(-1, 2)
-    guesses = list(found.values())
+            estimates.setdefault(site, []).append((guess, float(np.hypot(*step))))
+    sites = np.array(list(estimates), dtype=int).reshape(-1, 2)
+    guesses = list(estimates.values())
     where = np.array([np.mean([g for g, _ in guess], axis=0) for guess in guesses]).reshape(-1, 2)
     scale = np.array([min(s for _, s in guess) for guess in guesses])
     return sites, where, scale

@@ -68,9 +68,9 @@ def expect_discs(
     """
     edge = np.repeat(points[:, None], BOUNDARY, axis=1)
     edge[..., :2] += radius * boundary_directions(BOUNDARY)
-    seen = expect(camera, camera_from_target, edge.reshape(-1, 3), image_shape)
-    visible = np.asarray(seen.visible.reshape(-1, BOUNDARY).all(axis=1))
-    pixels = seen.pixels.reshape(-1, BOUNDARY, 2)[visible]
+    expected = expect(camera, camera_from_target, edge.reshape(-1, 3), image_shape)
+    visible = np.asarray(expected.visible.reshape(-1, BOUNDARY).all(axis=1))
+    pixels = expected.pixels.reshape(-1, BOUNDARY, 2)[visible]
     center, shape = np.zeros((len(points), 2)), np.tile(np.eye(2), (len(points), 1, 1))
     if visible.any():
         center[visible] = curve_centroid(pixels[..., 0].T, pixels[..., 1].T)[0].T
@@ -94,12 +94,12 @@ def expect_bend(
     steps = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [1, -1], [-1, 1], [-1, -1]]) / 2
     moved = np.repeat(points[None], len(steps), axis=0)
     moved[..., :2] += steps[:, None, :] * reach[None, :, None]
-    found = expect(camera, camera_from_target, moved.reshape(-1, 3), image_shape)
-    at = found.pixels.reshape(len(steps), -1, 2)
-    seen = np.asarray(found.visible.reshape(len(steps), -1).all(axis=0))
+    expected = expect(camera, camera_from_target, moved.reshape(-1, 3), image_shape)
+    at = expected.pixels.reshape(len(steps), -1, 2)
+    visible = np.asarray(expected.visible.reshape(len(steps), -1).all(axis=0))
     xx, yy = at[1] + at[2] - 2 * at[0], at[3] + at[4] - 2 * at[0]
     xy = (at[5] - at[6] - at[7] + at[8]) / 4
-    return np.where(seen[:, None, None], 4 * np.stack([xx, xy, yy], axis=-1), 0.0)
+    return np.where(visible[:, None, None], 4 * np.stack([xx, xy, yy], axis=-1), 0.0)
 
 
 def pose_columns(camera: FisheyeCamera, camera_from_target: np.ndarray, points: np.ndarray) -> np.ndarray:

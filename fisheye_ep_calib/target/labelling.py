@@ -23,7 +23,7 @@ class Labels:
     point_index: np.ndarray
 
     @property
-    def known(self) -> np.ndarray:
+    def named(self) -> np.ndarray:
         return self.point_index >= 0
 
 
@@ -50,12 +50,12 @@ IDENTITY = Placement(ROTATIONS[0], np.zeros(2, dtype=int))
 
 def turns_onto_itself(lattice: np.ndarray, marks: np.ndarray) -> list[Placement]:
     """The rotations that lay lattice (n, 2) int onto itself and marks (m, 2) int onto marks, the identity first."""
-    found = []
+    turns = []
     for rotation in ROTATIONS:
         turn = Placement(rotation, lattice.min(axis=0) - (lattice @ rotation.T).min(axis=0))
         if all(set(map(tuple, turn(part).tolist())) == set(map(tuple, part.tolist())) for part in (lattice, marks)):
-            found.append(turn)
-    return found
+            turns.append(turn)
+    return turns
 
 
 def label_patch(
@@ -109,7 +109,7 @@ def label_patch(
     ranked.sort(key=lambda entry: entry[0], reverse=True)
     placement = ranked[0][1]
     alike = [placement.followed_by(turn) for turn in turns]
-    rivals = [order for order, other in ranked if not any(other.same(one) for one in alike)]
+    rivals = [order for order, other in ranked if not any(other.same(labels) for labels in alike)]
     if least is not None and not _settled(ranked[0][0], rivals, least):
         return unknown
     return Labels(_look_up(table, placement(cells) - low))
@@ -165,7 +165,7 @@ def _plain_sites(
 
 def _correlation(mask: np.ndarray, patch: np.ndarray) -> np.ndarray:
     """Full correlation (H + h − 1, W + w − 1), whole numbers, of a mask (H, W) and a patch (h, w) of zeros and ones."""
-    shape = tuple(int(one + other - 1) for one, other in zip(mask.shape, patch.shape, strict=True))
+    shape = tuple(int(first + second - 1) for first, second in zip(mask.shape, patch.shape, strict=True))
     spectrum: np.ndarray = np.fft.rfft2(mask, shape)
     spectrum *= np.fft.rfft2(patch[::-1, ::-1], shape)
     return np.rint(np.fft.irfft2(spectrum, shape)).astype(int)

@@ -95,9 +95,9 @@ class PixelPatches:
         count = np.bincount(owner, minlength=len(self))
         ordered = np.sort(owner + values[kept] / 1024.0)  # by patch, then by value
         place = np.cumsum(count) - count + (share * np.maximum(count - 1, 0)).astype(np.int64)
-        found = np.zeros(len(self))
-        found[count > 0] = 1024.0 * (ordered[place[count > 0]] - np.flatnonzero(count))
-        return found
+        quantiles = np.zeros(len(self))
+        quantiles[count > 0] = 1024.0 * (ordered[place[count > 0]] - np.flatnonzero(count))
+        return quantiles
 
 
 def fit_planes(patches: PixelPatches, weight: np.ndarray, information: np.ndarray, moment: np.ndarray) -> np.ndarray:

@@ -61,17 +61,17 @@ def parse_target(values: object, source: str = "target", name: str = "target") -
     if "type" in keys and "target_type" in keys:
         raise InputError(f"{source}: give type (this project's keys) or target_type (Kalibr's), not both")
     if "target_type" in keys:
-        known = {target.kalibr_kind: target.from_kalibr for target in TARGETS.values() if target.kalibr_kind}
+        readers = {target.kalibr_kind: target.from_kalibr for target in TARGETS.values() if target.kalibr_kind}
         chosen = keys.get("target_type")
     elif "type" in keys:
-        known = {kind: target.from_keys for kind, target in TARGETS.items()}
+        readers = {kind: target.from_keys for kind, target in TARGETS.items()}
         chosen = keys.get("type")
     else:
         raise InputError(f"{source}: type is missing; known: {', '.join(TARGETS)}")
-    kind = next((name for name in known if isinstance(chosen, str) and same_kind(name, chosen)), None)
+    kind = next((name for name in readers if isinstance(chosen, str) and same_kind(name, chosen)), None)
     if kind is None:
-        raise InputError(f"{source}: unknown type {chosen!r}; known: {', '.join(known)}")
-    target = replace(known[kind](keys, name), keys=own)
+        raise InputError(f"{source}: unknown type {chosen!r}; known: {', '.join(readers)}")
+    target = replace(readers[kind](keys, name), keys=own)
     if values.get(SHAPE) is None:
         return target
     try:
@@ -80,10 +80,10 @@ def parse_target(values: object, source: str = "target", name: str = "target") -
         raise InputError(f"{source}: {error}") from None
 
 
-def same_kind(one: str, other: str) -> bool:
+def same_kind(first: str, second: str) -> bool:
     """Whether two names mean one kind: in other capitals, without the underscore, or checkerboard for chessboard."""
 
     def plain(name: str) -> str:
         return name.lower().replace("_", "").replace("-", "").replace("chess", "checker")
 
-    return plain(one) == plain(other)
+    return plain(first) == plain(second)

@@ -58,7 +58,7 @@ def test_what_is_not_kept_says_why(tmp_path: Path) -> None:
     assert consider(camera, sighting(1, size=(640, 480))) is Verdict.OTHER_SIZE
     assert consider(camera, sighting(1)) is Verdict.KEPT
     assert consider(camera, sighting(2)) is Verdict.FULL
-    assert (camera.counters.searched, camera.counters.found) == (7, 6)
+    assert (camera.counters.searched, camera.counters.detected) == (7, 6)
 
 
 def test_a_new_session_goes_on_where_the_last_one_ended(tmp_path: Path) -> None:

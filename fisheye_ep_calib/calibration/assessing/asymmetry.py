@@ -94,13 +94,15 @@ def _with_columns(fit: Fit, columns: Columns) -> NormalEquations:
     for block in problem.blocks:
         poses = state.camera_from_target[block.views]
         bow = problem.bow_size > 0
-        found = predict(state.camera, problem.features, surface, poses, block, problem.theta_limit, True, bow)
+        prediction = predict(state.camera, problem.features, surface, poses, block, problem.theta_limit, True, bow)
         points = _in_camera(poses, surface.points, block.points)
         theta = np.arctan2(np.hypot(points[0], points[1]), points[2])
         moved = columns(points, theta / fit.largest_angle, np.arctan2(points[1], points[0]))
-        extra = np.einsum("rpbn,pkbn->rkbn", found.d_pose[:, 3:], moved, optimize=True)
-        error = (found.pixels - block.pixels)[:, None]
-        weighted = np.concatenate([found.d_pose, shared_jacobian(problem, block, found), extra, error], axis=1)
+        extra = np.einsum("rpbn,pkbn->rkbn", prediction.d_pose[:, 3:], moved, optimize=True)
+        error = (prediction.pixels - block.pixels)[:, None]
+        weighted = np.concatenate(
+            [prediction.d_pose, shared_jacobian(problem, block, prediction), extra, error], axis=1
+        )
         weighted = np.where(block.weights > 0, weighted * block.weights, 0.0)
         if by_view is None:
             by_view = np.zeros((problem.view_count, weighted.shape[1], weighted.shape[1]))

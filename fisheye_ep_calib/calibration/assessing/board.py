@@ -15,9 +15,9 @@ from fisheye_ep_calib.target.shape.variances import backward
 def board_shape(fit: Fit) -> BoardShape:
     """By how much the target departs from its file, with standard deviations and the verdict on its bend."""
     model, state = fit.problem.shape, fit.state.shape
-    local, known = model.local(state), fit.sightings.observations.board
+    local, given = model.local(state), fit.sightings.observations.board
     if model.kind == FLAT:
-        return known or BoardShape.flat(model.nominal)
+        return given or BoardShape.flat(model.nominal)
     if model.kind != FREE:
         return BoardShape(model.kind, model.nominal, local[:, :3], bent=bool(np.any(local)), slopes=local[:, 3:])
     assert model.variances is not None

@@ -27,7 +27,7 @@ class CameraDifference:
     distance_m (d,): of the points from the first camera's origin. difference_px (d, n, 2): second minus first.
     sigma_px (d, n): what the length of the difference is expected to be from both cameras' uncertainties alone,
     √trace of its covariance. Both are NaN where a camera has no projection.
-    known (2,): whether each camera brought its uncertainty; sigma_px holds that of those which did.
+    covariances_given (2,): whether each camera brought its uncertainty; sigma_px holds that of those which did.
     rotation (3,): rotation vector, rad, that turns the first camera's frame into the second's; shift (3,): metres.
     """
 
@@ -36,7 +36,7 @@ class CameraDifference:
     distance_m: np.ndarray
     difference_px: np.ndarray
     sigma_px: np.ndarray
-    known: tuple[bool, bool]
+    covariances_given: tuple[bool, bool]
     rotation: np.ndarray
     shift: np.ndarray
 
@@ -90,9 +90,9 @@ def camera_difference(
             variance += _variance(d_parameters[used], covariance, gauge)
     sigma = np.full(used.shape, np.nan)
     sigma[used] = np.sqrt(variance)
-    known = (covariances[0] is not None, covariances[1] is not None)
+    given = (covariances[0] is not None, covariances[1] is not None)
     return CameraDifference(
-        pixels, theta, np.array(distance_m, dtype=float), difference, sigma, known, turn, np.asarray(shift)
+        pixels, theta, np.array(distance_m, dtype=float), difference, sigma, given, turn, np.asarray(shift)
     )
 
 

@@ -262,11 +262,11 @@ def _copies(views: int, same_place: Mapping[int, tuple[int, ...]]) -> list[Findi
 
 
 def _squares_counted(fit: Fit) -> list[Finding]:
-    seen = fit.sightings.observations
-    found = smaller_lattice(seen.object_points, seen.image_index, seen.point_index)
-    if found is None:
+    observations = fit.sightings.observations
+    lattice = smaller_lattice(observations.object_points, observations.image_index, observations.point_index)
+    if lattice is None:
         return []
-    columns, rows, most_columns, most_rows = found
+    columns, rows, most_columns, most_rows = lattice
     values = {"columns": float(columns), "rows": float(rows)}
     told = (
         f"no view shows more than {most_columns} × {most_rows} of the target file's {columns} × {rows} points: were"
@@ -292,21 +292,21 @@ def _two_cameras(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
     middles = pose[:, :3, :3] @ middle + pose[:, :3, 3]
     points = 2 * fit.sightings.point_count
     try:
-        found = two_cameras(fit.adjustment.equations, fit.shared_parameters[0], points, middles)
+        split = two_cameras(fit.adjustment.equations, fit.shared_parameters[0], points, middles)
     except np.linalg.LinAlgError:
         return []
-    if found is None:
+    if split is None:
         return []
-    shift = found.corrections[1] - found.corrections[0]
+    shift = split.corrections[1] - split.corrections[0]
     values = {
-        "explained": found.explained,
+        "explained": split.explained,
         **{f"{name}_px": float(px) for name, px in zip(PARAMETERS, shift, strict=True)},
     }
-    if not found.raised:
+    if not split.raised:
         return [Finding("two_cameras", values, False, "the residuals are those of one camera")]
     groups = [
         f"{len(images)} ({names[int(images[0])]} … {names[int(images[-1])]})"
-        for images in (fit.sightings.images[~found.group], fit.sightings.images[found.group])
+        for images in (fit.sightings.images[~split.group], fit.sightings.images[split.group])
     ]
     told = (
         f"the residuals split the images in two groups, {' and '.join(groups)}, whose cameras differ by "

@@ -107,9 +107,9 @@ def where_to_look_again(
     The camera is believed as far out as the observations reach: one from few views has evidence of the middle of the
     image alone, and would lose what was found beyond it. Raises CalibrationError where no view fits the camera.
     """
-    found = evaluate_camera(camera, observations)
-    reach = max(camera.theta_max, float(np.nanmax(found.theta)))
-    poses = dict(zip(found.images.tolist(), found.camera_from_target, strict=True))
+    evaluation = evaluate_camera(camera, observations)
+    reach = max(camera.theta_max, float(np.nanmax(evaluation.theta)))
+    poses = dict(zip(evaluation.images.tolist(), evaluation.camera_from_target, strict=True))
     return replace(camera, theta_max=reach), poses
 
 

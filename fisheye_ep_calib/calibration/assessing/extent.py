@@ -20,10 +20,10 @@ def smaller_lattice(points: np.ndarray, image_index: np.ndarray, point_index: np
     if columns * rows != len(points) or min(columns, rows) < 4:
         return None
     views = np.unique(image_index)
-    seen = [np.unique(point_index[image_index == view]) for view in views]
-    spans = np.sort([np.ptp(grid[part], axis=0) + 1 for part in seen], axis=1)
+    points_of_view = [np.unique(point_index[image_index == view]) for view in views]
+    spans = np.sort([np.ptp(grid[part], axis=0) + 1 for part in points_of_view], axis=1)
     if len(views) < _LEAST_VIEWS or (spans > np.sort([columns - 1, rows - 1])).any():
         return None
-    whole = sum(len(part) == (columns - 1) * (rows - 1) for part in seen)
+    whole = sum(len(part) == (columns - 1) * (rows - 1) for part in points_of_view)
     enough = whole >= max(_LEAST_VIEWS, _LEAST_SHARE * len(views))
     return (columns, rows, columns - 1, rows - 1) if enough else None

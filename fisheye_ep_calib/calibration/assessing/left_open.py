@@ -24,16 +24,16 @@ _LARGEST = 2.0  # σ beyond the estimate: E is larger once in 40 times
 
 @dataclass(frozen=True)
 class LeftOpen:
-    """camera: with the pupil left open, valid as far as its fit saw. known: its uncertainty. free (P,) bool."""
+    """camera: with the pupil left open, valid as far as its fit saw. uncertainty: of its parameters. free (P,) bool."""
 
     camera: FisheyeCamera
-    known: Uncertainty
+    uncertainty: Uncertainty
     free: np.ndarray
 
     @property
     def pupil(self) -> PupilLeftOpen:
         part = self.camera.parameter_slice("coefficients")
-        return PupilLeftOpen.of(self.camera.model, self.camera.coefficients, self.known.covariance[part, part])
+        return PupilLeftOpen.of(self.camera.model, self.camera.coefficients, self.uncertainty.covariance[part, part])
 
     def uncertainty_of(self, fit: Fit, own: Uncertainty) -> Uncertainty:
         """Of the chosen fit without a pupil; own: what it says of itself. What both have comes from the fuller one."""
@@ -42,7 +42,9 @@ class LeftOpen:
         if len(rows) < len(own.covariance):
             return own
         return replace(
-            self.known, covariance=self.known.covariance[np.ix_(rows, rows)], beside=(self.camera, self.free)
+            self.uncertainty,
+            covariance=self.uncertainty.covariance[np.ix_(rows, rows)],
+            beside=(self.camera, self.free),
         )
 
     def largest_loss_px(self, distance: float) -> dict[float, float]:
@@ -56,7 +58,7 @@ class LeftOpen:
         """The camera whose E at the rim is 2 σ larger, by the likeliest change of its terms: Cov b / √(bᵀ Cov b)."""
         rim = np.array(self.camera.theta_max)
         part = self.camera.parameter_slice("coefficients")
-        covariance = self.known.covariance[part, part]
+        covariance = self.uncertainty.covariance[part, part]
         basis = self.camera.pupil_family.basis(rim, len(self.camera.coefficients))
         sigma = float(np.sqrt(max(basis @ covariance @ basis, 1e-300)))
         sign = -1.0 if self.camera.entrance_pupil(rim) < 0 else 1.0
@@ -70,25 +72,25 @@ def pupil_left_open(fit: Fit, theta: float, sigma: float) -> LeftOpen | None:
     None where the sightings leave open even that.
     """
     try:
-        known = with_pupil_sigma(uncertainty(fit), fit, theta, sigma)
+        widened = with_pupil_sigma(uncertainty(fit), fit, theta, sigma)
     except np.linalg.LinAlgError:
         return None
-    if not np.isfinite(known.covariance).all():
+    if not np.isfinite(widened.covariance).all():
         return None
-    return LeftOpen(replace(fit.state.camera, theta_max=fit.largest_angle), known, fit.problem.free)
+    return LeftOpen(replace(fit.state.camera, theta_max=fit.largest_angle), widened, fit.problem.free)
 
 
-def with_pupil_sigma(known: Uncertainty, fit: Fit, theta: float, sigma: float) -> Uncertainty:
+def with_pupil_sigma(parameters: Uncertainty, fit: Fit, theta: float, sigma: float) -> Uncertainty:
     """The same with a band of E that is at least sigma wide at theta: D Cov D, D = diag(1 …, s, s …) on its terms."""
-    own = float(pupil_sigma(fit.state.camera, known.covariance, np.array(theta)))
+    own = float(pupil_sigma(fit.state.camera, parameters.covariance, np.array(theta)))
     if not (np.isfinite(sigma) and 0 < own < sigma):
-        return known
+        return parameters
     names, _ = fit.shared_parameters
     pupil = [names.index(name) for name in pupil_names(len(fit.state.camera.coefficients))]
     wider = np.ones(len(names))
     wider[pupil] = sigma / own
-    shared = wider[:, None] * known.shared * wider
+    shared = wider[:, None] * parameters.shared * wider
     free = np.flatnonzero(fit.problem.free)
-    covariance = known.covariance.copy()
+    covariance = parameters.covariance.copy()
     covariance[np.ix_(free, free)] = shared[: len(free), : len(free)]
-    return replace(known, covariance=covariance, shared=shared)
+    return replace(parameters, covariance=covariance, shared=shared)

@@ -56,8 +56,8 @@ def joint_linearisation(fit: Fit) -> JointLinearisation:
     kept: dict[str, Any] = vars(fit)
     if _KEPT not in kept:
         kept[_KEPT] = linearised_jointly(fit)
-    found: JointLinearisation = kept[_KEPT]
-    return found
+    linearisation: JointLinearisation = kept[_KEPT]
+    return linearisation
 
 
 def nuisance_models(fit: Fit, angles: np.ndarray) -> tuple[NuisanceModel, ...]:

@@ -18,10 +18,10 @@ _ONE_DISTANCE = 1.4  # farthest over nearest view
 _CENTRE = 0.4  # of the half diagonal
 
 
-def why_unusable(fit: Fit, known: Uncertainty) -> str | None:
+def why_unusable(fit: Fit, parameters: Uncertainty) -> str | None:
     """One line that says why a camera must not be used, what its views lack, and what to do; None where it may be."""
     names, values = fit.shared_parameters
-    sigma = np.sqrt(np.maximum(np.diag(known.covariance)[:2], 0)) / values[:2]
+    sigma = np.sqrt(np.maximum(np.diag(parameters.covariance)[:2], 0)) / values[:2]
     if (sigma <= LARGEST_SIGMA).all():
         return None
     return _told(fit, f"its standard deviation is {100 * sigma.max():.0f} % of its value")

@@ -81,12 +81,12 @@ def two_cameras(
     square = float(equations.by_view[:, -1, -1].sum())
     own = (equations.view_size + len(told)) * views
     variance = (square - explained) / max(residuals - own - len(names), 1)
-    found = split_in_two(score, information, told, variance)
+    split = split_in_two(score, information, told, variance)
     distance = np.linalg.norm(middles, axis=1)
     angle = np.arctan2(np.hypot(middles[:, 0], middles[:, 1]), middles[:, 2])
-    if found is None or any(abs(_ranks_apart(by, found.group)) > _PLACED for by in (distance, angle)):
+    if split is None or any(abs(_ranks_apart(by, split.group)) > _PLACED for by in (distance, angle)):
         return None
-    return found
+    return split
 
 
 def _ranks_apart(values: np.ndarray, group: np.ndarray) -> float:

@@ -163,13 +163,13 @@ def penalise_effects(by_view: np.ndarray, penalty: np.ndarray, values: np.ndarra
     by_view[:, -1, own] += penalty * values
 
 
-def shared_jacobian(problem: AdjustmentProblem, block: ViewBlock, found: Prediction) -> np.ndarray:
+def shared_jacobian(problem: AdjustmentProblem, block: ViewBlock, prediction: Prediction) -> np.ndarray:
     """∂pixels/∂(free camera parameters, bow), (2, S, B, N)."""
-    columns = found.d_camera if problem.free.all() else found.d_camera[:, problem.free]
+    columns = prediction.d_camera if problem.free.all() else prediction.d_camera[:, problem.free]
     if not problem.bow_size:
         return columns
-    fields = problem.shape.fields[:, : found.d_local.shape[1]][block.points]
-    return np.concatenate([columns, np.einsum("rlbn,bnlk->rkbn", found.d_local, fields, optimize=True)], axis=1)
+    fields = problem.shape.fields[:, : prediction.d_local.shape[1]][block.points]
+    return np.concatenate([columns, np.einsum("rlbn,bnlk->rkbn", prediction.d_local, fields, optimize=True)], axis=1)
 
 
 def _products(parts: list[np.ndarray], weights: np.ndarray, columns: int) -> np.ndarray:

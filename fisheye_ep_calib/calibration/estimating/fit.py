@@ -263,8 +263,8 @@ def _images_with_points(observations: Observations) -> np.ndarray:
     return images[(counts >= MIN_POINTS) & (spread[:, 1] > _ON_A_LINE * spread[:, 2])]
 
 
-def _count(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
+def _count(number: int, singular: str, plural: str) -> str:
+    return f"{number} {singular if number == 1 else plural}"
 
 
 def first_fit(sightings: Sightings, lens: str = LENS, robust: bool = False) -> Fit:
@@ -275,7 +275,7 @@ def first_fit(sightings: Sightings, lens: str = LENS, robust: bool = False) -> F
     fit = _first_fit(sightings, lens, robust)
     if fit.median_px < _FAR_OFF * max(sightings.observations.image_size):
         return fit
-    return min(fit, _first_fit(sightings, lens, robust, wide=True), key=lambda one: one.median_px)
+    return min(fit, _first_fit(sightings, lens, robust, wide=True), key=lambda candidate: candidate.median_px)
 
 
 def _first_fit(sightings: Sightings, lens: str, robust: bool, wide: bool = False) -> Fit:

@@ -107,12 +107,12 @@ class JointLinearisation:
         step, variance = solution.step, solution.variance
         parts = [
             (
-                found["smooth"],
-                found["rough"],
-                found["pose"].reshape(-1, len(own))[:, 6:].reshape(-1),
-                found["camera"][first:],
+                solved["smooth"],
+                solved["rough"],
+                solved["pose"].reshape(-1, len(own))[:, 6:].reshape(-1),
+                solved["camera"][first:],
             )
-            for found in (step, variance)
+            for solved in (step, variance)
         ]
         group = np.concatenate([shape_group, np.tile(view_group, len(pose)), lens_group])
         return JointPosterior(
@@ -260,15 +260,15 @@ class JointLinearisation:
 def linearised_jointly(fit: Fit) -> JointLinearisation:
     """At a fit, whatever of shape, views and lens field it has: all of them free."""
     sightings, structure = fit.sightings, fit.structure
-    seen = seen_points(sightings)
-    effects = view_effects(sightings.target, seen, sightings.observations.image_size[1])
+    points = seen_points(sightings)
+    effects = view_effects(sightings.target, points, sightings.observations.image_size[1])
     extras = tuple(dict.fromkeys((*structure.extras, LENS_FIELD.name)))
     structure = replace(structure, extras=extras)
     sightings = replace(sightings, effects=effects)
     if sightings.features.board.planar:
         structure = replace(structure, board_shape=FREE)
         if not fit.problem.shape_size:
-            sightings = replace(sightings, free=free_model(sightings.target, seen))
+            sightings = replace(sightings, free=free_model(sightings.target, points))
     return JointLinearisation(*opened(fit, structure, sightings), sightings.point_count)
 
 

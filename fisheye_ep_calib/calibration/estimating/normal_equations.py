@@ -188,11 +188,11 @@ def _solve_damped_with_shape(
         "smooth": shape.gradient[:smooth, None],
         "rough": shape.gradient[smooth:, None],
     }
-    found = system.solve(gradient)
+    solution = system.solve(gradient)
     return _step(
         equations,
-        -found["pose"].reshape(-1, equations.view_size),
-        -np.concatenate([found[name][:, 0] for name in ("camera", "smooth", "rough")]),
+        -solution["pose"].reshape(-1, equations.view_size),
+        -np.concatenate([solution[name][:, 0] for name in ("camera", "smooth", "rough")]),
         np.concatenate([equations.shared_gradient, shape.gradient]),
         np.concatenate([np.diag(equations.shared), shape.diagonal]),
         damping,

@@ -27,9 +27,9 @@ def settled_equations(
     response = shape_response(equations)
     penalty = problem.shape.all_penalties
     held = replace(problem, shape_free=False)
-    found = evaluate(held, state, follow=response)
+    adjustment = evaluate(held, state, follow=response)
     prior = response.T @ (penalty[:, None] * response)
-    return replace(found, cost=equations.cost, prior=prior)
+    return replace(adjustment, cost=equations.cost, prior=prior)
 
 
 def shape_response(equations: NormalEquations) -> np.ndarray:
@@ -39,7 +39,7 @@ def shape_response(equations: NormalEquations) -> np.ndarray:
     nothing = replace(shape, camera=shape.camera[:0])
     system = block_system(equations.pose, equations.mixed[..., :0], np.zeros((0, 0)), nothing)
     smooth = shape.smooth_size
-    found = system.solve(
+    solution = system.solve(
         {
             "pose": equations.mixed.reshape(-1, size),
             "camera": np.zeros((0, size)),
@@ -47,4 +47,4 @@ def shape_response(equations: NormalEquations) -> np.ndarray:
             "rough": shape.camera[:, smooth:].T,
         }
     )
-    return -np.concatenate([found["smooth"], found["rough"]])
+    return -np.concatenate([solution["smooth"], solution["rough"]])

@@ -43,12 +43,12 @@ def with_estimated_shape(
     fit, variances = start, start.problem.shape.variances
     for _ in range(rounds):
         try:
-            found = _variances(fit, structure, replace(sightings, free=space), loss, variances)
+            estimate = _variances(fit, structure, replace(sightings, free=space), loss, variances)
         except np.linalg.LinAlgError:  # a fit so far off that it says nothing
             return refine(fit, replace(rich, board_shape=FLAT), sightings, loss, tolerance=_CLOSE)
-        free = with_variances(space, *found)
-        settled = variances is not None and _close(found[0], variances)
-        variances = found[0]
+        free = with_variances(space, *estimate)
+        settled = variances is not None and _close(estimate[0], variances)
+        variances = estimate[0]
         fit = refine(fit, structure, replace(sightings, free=free), loss, tolerance=_CLOSE)
         if settled or free.size == 0:
             break
@@ -69,16 +69,16 @@ def _variances(
     if near is None or not near.deviation.any():
         smooth = np.arange(len(GROUPS)) < len(SMOOTH_GROUPS)
         start = Variances(np.where(smooth, _START_SMOOTH, _START_ROUGH), fit.sigma_px)
-        found = most_likely(linearisation, start)
+        estimate = most_likely(linearisation, start)
     else:
         # What was left out there is given another chance.
         start = replace(near, deviation=np.maximum(near.deviation, _REVIVED))
-        found = most_likely(linearisation, start, from_nothing=False)
-    if gain_over_none(linearisation, *found) < GATE:
-        return none(found[0]), linearisation(none(found[0]))
+        estimate = most_likely(linearisation, start, from_nothing=False)
+    if gain_over_none(linearisation, *estimate) < GATE:
+        return none(estimate[0]), linearisation(none(estimate[0]))
     if len(sightings.images) < _FEW_VIEWS:
-        found = backward(linearisation, *found, GATE)
-    return found
+        estimate = backward(linearisation, *estimate, GATE)
+    return estimate
 
 
 def _seen(sightings: Sightings) -> np.ndarray:
@@ -87,6 +87,6 @@ def _seen(sightings: Sightings) -> np.ndarray:
     return np.bincount(observations.point_index[used], minlength=len(observations.object_points)) > 0
 
 
-def _close(one: Variances, other: Variances) -> bool:
-    larger = np.maximum(np.maximum(one.deviation, other.deviation), _NEGLIGIBLE)
-    return bool((np.abs(one.deviation - other.deviation) <= _SETTLED * larger).all())
+def _close(first: Variances, second: Variances) -> bool:
+    larger = np.maximum(np.maximum(first.deviation, second.deviation), _NEGLIGIBLE)
+    return bool((np.abs(first.deviation - second.deviation) <= _SETTLED * larger).all())

@@ -77,20 +77,22 @@ class ViewEffects:
 
 
 def view_effects(
-    target: ShapeModel, seen: np.ndarray, image_height: int, groups: Sequence[str] = VIEW_GROUPS
+    target: ShapeModel, measured: np.ndarray, image_height: int, groups: Sequence[str] = VIEW_GROUPS
 ) -> ViewEffects:
-    """The effects of some groups, free of any penalty. seen (n,) bool: points on which fields are orthonormal.
+    """The effects of some groups, free of any penalty. measured (n,) bool: points on which fields are orthonormal.
 
     A target that is not flat has no fields.
     """
     parts, group = [np.zeros((len(target.nominal), LOCAL, 0))], []
     if target.frame.planar and not {FLEX, IN_PLANE}.isdisjoint(groups):
-        found = smooth_fields(target.frame, target.nominal, seen, _HIGHEST_DEGREE)
+        fields = smooth_fields(target.frame, target.nominal, measured, _HIGHEST_DEGREE)
         axes = target.frame.axes
-        local = [np.einsum("ij,njk->nik", axes, each) for each in (found.value, found.slope[:, 0], found.slope[:, 1])]
+        local = [
+            np.einsum("ij,njk->nik", axes, each) for each in (fields.value, fields.slope[:, 0], fields.slope[:, 1])
+        ]
         for name in (FLEX, IN_PLANE):
             if name in groups:
-                kept = np.isin(found.group, [SMOOTH_GROUPS.index(field) for field in _FIELDS[name]])
+                kept = np.isin(fields.group, [SMOOTH_GROUPS.index(field) for field in _FIELDS[name]])
                 parts.append(np.concatenate(local, axis=1)[..., kept])
                 group += [VIEW_GROUPS.index(name)] * int(kept.sum())
     rolls = TURN in groups or SHIFT in groups

@@ -132,7 +132,7 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
     reasons.append(f"entrance pupil {verdict.answer}: {verdict.why}")
     if not verdict.kept:
         return Choice(fitted, fitted[CENTRAL_MODEL], tuple(reasons), verdict, fit)
-    others = supported_pupils(judged) if verdict.seen else []
+    others = supported_pupils(judged) if verdict.supported else []
     pupils = sorted({*others, verdict.model}, key=list(fitted).index)
     grown = {}
     if base.terms is None:
@@ -198,7 +198,7 @@ def pupil_verdict(candidates: dict[str, Candidate], terms_open: bool = True) -> 
     verdict = judge(fit, central)
     if not _is_even(fit.structure.model):
         even, even_fit = _even_verdict(candidates, pupils)
-        if not even.seen:
+        if not even.supported:
             verdict, fit = even, even_fit
     if verdict.answer != DOUBTFUL:
         return verdict, fit
@@ -325,9 +325,9 @@ def with_needed_lens(candidates: dict[str, Candidate]) -> dict[str, Candidate]:
 
 def _simplest_good(candidates: dict[str, Candidate], pupils: list[str]) -> Candidate:
     """Of the pupils the simplest that the best does not clearly beat, ties by prediction."""
-    found = [candidates[name] for name in pupils]
-    best = best_of(found)
-    good = [each for each in found if each is best or not _clearly_better(best, each)]
+    judged = [candidates[name] for name in pupils]
+    best = best_of(judged)
+    good = [each for each in judged if each is best or not _clearly_better(best, each)]
     return min(good, key=lambda each: (each.structure.parameter_count, _badness(each)))
 
 

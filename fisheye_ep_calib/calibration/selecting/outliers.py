@@ -117,7 +117,8 @@ def screen_with_shape(fit: Fit, families: Sequence[str]) -> Screening:
     """
     richest = [richest_structure(replace(fit.structure, model=name), fit.sightings, FLAT) for name in families]
     plain = min(
-        (refine(fit, rich, tolerance=_ROUGH) for rich in richest), key=lambda one: one.adjustment.equations.cost
+        (refine(fit, rich, tolerance=_ROUGH) for rich in richest),
+        key=lambda candidate: candidate.adjustment.equations.cost,
     )
     if plain.rms_px < _DRAGGED * fit.sightings.usual_weight:
         shaped = with_estimated_shape(plain, plain.structure)
@@ -174,12 +175,12 @@ def _without_outliers(sightings: Sightings, structure: Structure, fit: Fit, rich
     for _ in range(_ROUNDS):
         error = fit.residuals[0]
         length = _lengths(fit, observations.weights)
-        known = np.isfinite(error[:, 0])
-        sigma = max(robust_spread(length[keep & known], _QUANTILE), least)
-        inside = (observations.weights > 0) & known & (length <= _limit(fit) * sigma)
+        predicted = np.isfinite(error[:, 0])
+        sigma = max(robust_spread(length[keep & predicted], _QUANTILE), least)
+        inside = (observations.weights > 0) & predicted & (length <= _limit(fit) * sigma)
         wrong |= _wrong_views(observations, inside, fit.sightings.images)
         inside &= ~np.isin(observations.image_index, list(wrong))
-        rejected_residual[known] = error[known]
+        rejected_residual[predicted] = error[predicted]
         if np.array_equal(inside, keep):
             break
         keep = inside

@@ -65,7 +65,7 @@ class PupilVerdict:
         return abs(self.pupil) / max(self.sigma, 1e-300)
 
     @property
-    def seen(self) -> bool:
+    def supported(self) -> bool:
         """Whether both say so: E beyond 3 σ_tot, and the clustered test."""
         return self.ratio > _CLAIM and self.p_value < _SIGNIFICANCE
 
@@ -133,7 +133,7 @@ def _models(fit: Fit, theta: float, posterior: float) -> tuple[NuisanceModel, ..
 
 
 def _answered(verdict: PupilVerdict) -> PupilVerdict:
-    if verdict.seen:
+    if verdict.supported:
         wrong_sign = verdict.pupil > 0 and verdict.ratio < _WRONG_SIGN
         answer = DOUBTFUL if wrong_sign or verdict.views < FEWEST_VIEWS else SUPPORTED
     else:

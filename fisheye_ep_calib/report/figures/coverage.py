@@ -76,13 +76,15 @@ def distance_figure(residuals: Residuals, identity: str) -> str:
     return svg(lambda figure: draw_distances(figure.add_subplot(), residuals), identity)
 
 
-def draw_uncertainty(axes: Axes, found: UncertaintyMap, size: tuple[int, int]) -> None:
+def draw_uncertainty(axes: Axes, uncertainty: UncertaintyMap, size: tuple[int, int]) -> None:
     """1σ in px over the image, for points at one distance."""
-    inside = ((found.pixels >= -0.5) & (found.pixels <= np.array(size) - 0.5)).all(axis=-1)
-    sigma = np.ma.masked_invalid(found.sigma_px)
+    inside = ((uncertainty.pixels >= -0.5) & (uncertainty.pixels <= np.array(size) - 0.5)).all(axis=-1)
+    sigma = np.ma.masked_invalid(uncertainty.sigma_px)
     highest = float(np.quantile(sigma[inside].compressed(), 0.98)) if sigma[inside].count() else 1.0
     levels = MaxNLocator(_LEVELS).tick_values(0, max(highest, 1e-6))
-    drawn = axes.contourf(found.pixels[..., 0], found.pixels[..., 1], sigma, levels=levels, cmap=MAP, extend="max")
+    drawn = axes.contourf(
+        uncertainty.pixels[..., 0], uncertainty.pixels[..., 1], sigma, levels=levels, cmap=MAP, extend="max"
+    )
     bar = axes.figure.colorbar(drawn, ax=axes, shrink=0.85)
     bar.set_label("1σ, px per axis")
     bar.outline.set_visible(False)
@@ -90,9 +92,9 @@ def draw_uncertainty(axes: Axes, found: UncertaintyMap, size: tuple[int, int]) -
     image_axes(axes, size)
 
 
-def uncertainty_figure(found: UncertaintyMap, size: tuple[int, int], identity: str) -> str:
+def uncertainty_figure(uncertainty: UncertaintyMap, size: tuple[int, int], identity: str) -> str:
     return svg(
-        lambda figure: draw_uncertainty(figure.add_subplot(), found, size),
+        lambda figure: draw_uncertainty(figure.add_subplot(), uncertainty, size),
         identity,
         (4.6, 0.6 + 3.4 * size[1] / size[0]),
     )

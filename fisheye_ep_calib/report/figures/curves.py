@@ -19,7 +19,7 @@ _LEAST_LOSS = 1e-3  # px; less cannot be told from nothing
 def draw_pupil(axes: Axes, models: tuple[ModelCurve, ...]) -> None:
     """E(θ), mm, of every model with its 1σ band."""
     lowest, highest = [0.0], [0.0]
-    for number, model in enumerate(sorted(models, key=lambda one: not one.chosen)):
+    for number, model in enumerate(sorted(models, key=lambda entry: not entry.chosen)):
         degrees, shift, sigma = np.degrees(model.theta), 1e3 * model.pupil, 1e3 * model.pupil_sigma
         color, dashes = SERIES[number % len(SERIES)], _DASHES[number % len(_DASHES)]
         label = f"{model.name} (chosen)" if model.chosen and len(models) > 1 else model.name
@@ -71,7 +71,7 @@ def near_far_figure(near_far: NearFar, identity: str) -> str:
 def draw_stand_in(axes: Axes, stand_in: StandInLoss) -> None:
     """RMS that the single-viewpoint stand-in loses by distance."""
     distance = np.array(sorted(stand_in.loss_px))
-    loss = np.array([stand_in.loss_px[one] for one in distance])
+    loss = np.array([stand_in.loss_px[metres] for metres in distance])
     axes.loglog(distance, np.maximum(loss, _LEAST_LOSS), "o-", ms=5, color=SECOND)
     for x, y in zip(distance, loss, strict=True):
         axes.annotate(f"{y:.2g} px", (x, max(y, _LEAST_LOSS)), textcoords="offset points", xytext=(6, 4))

@@ -32,16 +32,16 @@ def difference_vectors_figure(
 ) -> tuple[str, float]:
     """Differences (n, 2) as vectors over the image, and the factor by which they are enlarged."""
     width, height = size
-    known = np.isfinite(difference_px[:, 0])
-    length = np.linalg.norm(difference_px[known], axis=-1)
+    finite = np.isfinite(difference_px[:, 0])
+    length = np.linalg.norm(difference_px[finite], axis=-1)
     factor = magnification(length, max(size) / 20)
 
     def draw(figure: Figure) -> None:
         axes = figure.add_subplot()
-        if known.any():
+        if finite.any():
             axes.quiver(
-                *pixels[known].T,
-                *(factor * difference_px[known]).T,
+                *pixels[finite].T,
+                *(factor * difference_px[finite]).T,
                 angles="xy",
                 scale_units="xy",
                 scale=1,

@@ -51,7 +51,7 @@ def draw_residual_vectors(
             zorder=3,
         )
     if rejected:
-        axes.plot(*np.array([one.pixel for one in rejected]).T, "x", ms=4, mew=1.1, color=SERIES[4])
+        axes.plot(*np.array([point.pixel for point in rejected]).T, "x", ms=4, mew=1.1, color=SERIES[4])
     image_axes(axes, size)
     return factor, mean_factor
 

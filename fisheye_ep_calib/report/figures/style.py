@@ -77,7 +77,7 @@ def _for_page(text: str, identity: str) -> str:
     text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
     # Numbered, as matplotlib's own names may follow addresses in memory.
     own = {name: f"{identity}-{number}" for number, name in enumerate(re.findall(r'\bid="([^"]*)"', text))}
-    text = re.sub(r'\b(id="|href="#|url\(#)([^")]*)', lambda found: found[1] + own.get(found[2], found[2]), text)
+    text = re.sub(r'\b(id="|href="#|url\(#)([^")]*)', lambda match: match[1] + own.get(match[2], match[2]), text)
     text = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--sans)", text)
     for stand_in, variable in _THEME.items():
         text = text.replace(stand_in, variable)

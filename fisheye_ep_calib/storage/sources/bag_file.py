@@ -78,8 +78,8 @@ class BagFile(BagSource):
             except (Damaged, InputError):
                 lost += 1
         if not complete:
-            said = f"not indexed, cut short or damaged; the {self.image_count} images it still holds are used"
-            self.problems.append(f"{self.path}: {said}")
+            problem = f"not indexed, cut short or damaged; the {self.image_count} images it still holds are used"
+            self.problems.append(f"{self.path}: {problem}")
         if lost:
             self.problems.append(f"{self.path}: {lost} of {len(chunks)} chunks are damaged; images in them are lost")
 
@@ -146,22 +146,22 @@ class BagFile(BagSource):
         chunk = _record_at(stream, position)
         if chunk.kind != CHUNK or chunk.end > self._size:
             raise Damaged
-        found: list[tuple[int, Entry]] = []
+        entries: list[tuple[int, Entry]] = []
         try:
             after = chunk.end
             while after < self._size:
                 record = _record_at(stream, after)
                 if record.kind != INDEX or record.number("conn") not in self._known_connections:
                     break
-                found += self._index_entries(stream, record, position)
+                entries += self._index_entries(stream, record, position)
                 after = record.end
             indexed = after > chunk.end
         except Damaged:
             indexed = False
         whole = True
         if not indexed or self._follows_unknown_connection(stream, after):
-            found, whole = self._walk_chunk(stream, chunk, position)
-        for connection, entry in found:
+            entries, whole = self._walk_chunk(stream, chunk, position)
+        for connection, entry in entries:
             if connection in self._connections:
                 self.entries[self._connections[connection]].append(entry)
         return whole
@@ -186,7 +186,7 @@ class BagFile(BagSource):
         """Connections and entries of the messages in a chunk, and whether the chunk holds what it declares."""
         content = self._chunk_content(stream, chunk)
         records = BytesIO(content)
-        found = []
+        entries = []
         offset = 0
         while offset < len(content):
             record = _record_at(records, offset)
@@ -195,9 +195,9 @@ class BagFile(BagSource):
             if record.kind == CONNECTION:
                 self._note_connection(records, record)
             elif record.kind == MESSAGE:
-                found.append((record.number("conn"), Entry(record.time(), (position, offset))))
+                entries.append((record.number("conn"), Entry(record.time(), (position, offset))))
             offset = record.end
-        return found, len(content) == chunk.number("size")
+        return entries, len(content) == chunk.number("size")
 
     def _chunk_content(self, stream: BinaryIO, chunk: Record) -> bytes:
         declared = chunk.number("size")

@@ -167,17 +167,17 @@ class BagSource(Source):
     def _number(self, topic: str, entry: Entry) -> int:
         """The place of an image among those of its topic."""
         entries = self.entries[topic]
-        place = bisect.bisect_left(entries, entry.stamp_ns, key=lambda one: one.stamp_ns)
+        place = bisect.bisect_left(entries, entry.stamp_ns, key=lambda candidate: candidate.stamp_ns)
         return entries.index(entry, place)
 
     def _video(self, topic: str) -> VideoDecoder:
         if topic not in self._videos:
 
             def packet(number: int) -> Packet:
-                found = packet_of(self.message(topic, self.entries[topic][number]), self.topics[topic])
-                if found is None:
+                video_packet = packet_of(self.message(topic, self.entries[topic][number]), self.topics[topic])
+                if video_packet is None:
                     raise InputError("a message among those of a video holds none")
-                return found
+                return video_packet
 
             self._videos[topic] = VideoDecoder(packet, len(self.entries[topic]), topic, self.topics[topic])
         return self._videos[topic]

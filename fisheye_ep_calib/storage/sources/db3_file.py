@@ -27,8 +27,8 @@ class Db3File(BagSource):
             # What lies beyond the damage may still be reached from the other end.
             self._collect(rows, "DESC", rows[-1][0] if rows else None)
         if not complete or self._is_cut_short():
-            said = f"cut short or damaged; the {len(rows)} messages that can be read are used"
-            self.problems.append(f"{self.path}: the database is {said}")
+            problem = f"cut short or damaged; the {len(rows)} messages that can be read are used"
+            self.problems.append(f"{self.path}: the database is {problem}")
         if self._journal_pends() and not self._may_write_beside():
             self.problems.append(
                 f"{self.path}: its latest messages are in a journal that can only be read where one may write; "

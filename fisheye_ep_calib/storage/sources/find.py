@@ -109,18 +109,18 @@ def find_sources(paths: Sequence[str | os.PathLike[str]], scratch: Path) -> Foun
 
 def _expand(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
     """Patterns become the files they match; every other path must exist."""
-    found = []
+    expanded = []
     for name in paths:
         path = Path(name)
         if os.path.exists(path):
-            found.append(path)
+            expanded.append(path)
             continue
         matches = sorted(map(Path, glob.glob(os.fspath(name), recursive=True)), key=natural_order)
         if not matches:
             raise InputError(f"{name} does not exist")
-        found += matches
+        expanded += matches
     each: dict[Path, Path] = {}
-    for path in found:
+    for path in expanded:
         each.setdefault(path.resolve(), path)
     return list(each.values())
 
@@ -139,12 +139,12 @@ def _bags_in(folder: Path) -> list[Path] | None:
 
 
 def _images_within(folder: Path) -> list[ImageFolder]:
-    found = image_folders(folder)
-    if not found:
+    folders = image_folders(folder)
+    if not folders:
         raise InputError(
             f"{folder} holds neither a bag ({', '.join(BAG_FORMATS)}) nor images ({', '.join(sorted(SUFFIXES))})"
         )
-    return found
+    return folders
 
 
 def _images_of_archive(path: Path, scratch: Path, problems: list[str]) -> list[ImageFolder]:
@@ -152,8 +152,8 @@ def _images_of_archive(path: Path, scratch: Path, problems: list[str]) -> list[I
     unpack_images(path, folder, problems)
     name = archive_stem(path)
     return [
-        replace(one, archive=(path, folder), name=one.name if one.path != folder else name)
-        for one in image_folders(folder)
+        replace(images, archive=(path, folder), name=images.name if images.path != folder else name)
+        for images in image_folders(folder)
     ]
 
 
@@ -162,8 +162,8 @@ def _sources_of_bag_folder(folder: Path, bags: list[Path], scratch: Path, proble
     damage: list[str] = []
     listed = _files_listed(folder, damage)
     missing = [name for name in listed if not (folder / name).exists()]
-    known = {name.removesuffix(".zstd") for name in listed}
-    strange = [path.name for path in bags if listed and path.name.removesuffix(".zstd") not in known]
+    complete = {name.removesuffix(".zstd") for name in listed}
+    strange = [path.name for path in bags if listed and path.name.removesuffix(".zstd") not in complete]
     if strange:
         problems.append(f"{folder}: {', '.join(strange)} not listed in metadata.yaml, but read too")
     if missing:
@@ -219,10 +219,10 @@ def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:
             raise InputError(f"{packed} is empty or damaged")
         with open(path, "rb") as file:
             start = file.read(16)
-    by_magic = [known for known in BAG_FORMATS.values() if start.startswith(known.magic)]
+    by_magic = [bag_format for bag_format in BAG_FORMATS.values() if start.startswith(bag_format.magic)]
     by_name = [BAG_FORMATS[suffix] for suffix in [bag_suffix(path)] if suffix]
-    for known in by_magic + by_name:
-        return known.open(path)
+    for bag_format in by_magic + by_name:
+        return bag_format.open(path)
     raise InputError(f"{path} is neither a bag ({', '.join(BAG_FORMATS)}) nor an image nor a folder of either")
 
 

@@ -42,7 +42,7 @@ def is_archive(path: Path) -> bool:
 
 def archive_stem(path: Path) -> str:
     """calibrationdata, of calibrationdata.tar.gz."""
-    ending = max((one for one in ENDINGS if path.name.lower().endswith(one)), key=len, default="")
+    ending = max((suffix for suffix in ENDINGS if path.name.lower().endswith(suffix)), key=len, default="")
     return path.name[: len(path.name) - len(ending)] or "images"
 
 

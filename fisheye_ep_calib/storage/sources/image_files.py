@@ -59,10 +59,10 @@ class ImageFiles(Source):
 
     def fingerprint(self, entry: Entry) -> str:
         try:
-            found = (self.files[entry.location[0]] if self.archive is None else self.archive[0]).stat()
+            status = (self.files[entry.location[0]] if self.archive is None else self.archive[0]).stat()
         except OSError:
             return ""
-        return f"{found.st_size} {found.st_mtime_ns}"
+        return f"{status.st_size} {status.st_mtime_ns}"
 
     def __getstate__(self) -> dict[str, Any]:
         archive = None if self.archive is None else (self.archive[0].absolute(), self.archive[1].absolute())
@@ -79,7 +79,7 @@ class ImageFiles(Source):
         path, pages = self.files[number], self._pages[number]
         try:
             if len(pages) > 1:
-                declared = next(one for one in pages if one.number == page)
+                declared = next(candidate for candidate in pages if candidate.number == page)
                 return decoded_page(path, page, (declared.width, declared.height))
             if path.stat().st_size > MAX_FILE_BYTES:
                 raise InputError("the file is too large for an image")
@@ -97,8 +97,8 @@ def _pages(path: Path) -> list[Page]:
     if path.suffix.lower() in _TIFF:
         with contextlib.suppress(OSError, ValueError, InputError, struct.error, OverflowError):
             with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                if content[:4] in MAGICS and (found := pages(content)):
-                    return found
+                if content[:4] in MAGICS and (of_file := pages(content)):
+                    return of_file
     return [Page(0, 0, 0)]
 
 

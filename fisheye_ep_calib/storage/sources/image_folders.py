@@ -51,38 +51,38 @@ def image_folders(folder: Path) -> list[ImageFolder]:
     here = _images_in(folder)
     if here:
         return [ImageFolder(folder, here)]
-    found: list[ImageFolder] = []
+    folders: list[ImageFolder] = []
     below: list[tuple[Path, tuple[str, ...]]] = [(folder, ())]
-    seen = 0
+    visited = 0
     for _ in range(_DEEPEST):
         level: list[tuple[Path, tuple[str, ...]]] = []
         for path, within in below:
-            level += [(one, (*within, one.name)) for one in _folders_in(path)]
-        seen += len(level)
-        if seen > _MOST_FOLDERS:
+            level += [(images, (*within, images.name)) for images in _folders_in(path)]
+        visited += len(level)
+        if visited > _MOST_FOLDERS:
             raise InputError(f"{folder} holds more than {_MOST_FOLDERS} folders: name those with the images")
         with_images = [ImageFolder(path, _images_in(path), within) for path, within in level]
-        found += [one for one in with_images if one.files]
-        below = [(one.path, one.within) for one in with_images if not one.files]
-    return _named_apart(sorted(found, key=lambda one: [natural_order(Path(part)) for part in one.within]))
+        folders += [images for images in with_images if images.files]
+        below = [(images.path, images.within) for images in with_images if not images.files]
+    return _named_apart(sorted(folders, key=lambda images: [natural_order(Path(part)) for part in images.within]))
 
 
 def image_sources(folders: Sequence[ImageFolder], notes: list[str], problems: list[str]) -> list[ImageFiles]:
     """One source a camera and folder. notes: how images were told apart, for the user; problems: what is left out."""
     sources = []
     for folder in _named_by_themselves(folders):
-        found = cameras_in_names([file.name for file in folder.files], lambda place: _size(folder.files[place]))  # noqa: B023
-        if found is None:
+        by_name = cameras_in_names([file.name for file in folder.files], lambda place: _size(folder.files[place]))  # noqa: B023
+        if by_name is None:
             sources.append(ImageFiles(folder.name, folder.files, folder.archive))
             continue
         prefix = f"{folder.name}_" if len(folders) > 1 else ""
-        for camera, places in found.numbers.items():
+        for camera, places in by_name.numbers.items():
             sources.append(ImageFiles(prefix + camera, [folder.files[place] for place in places], folder.archive))
-        cameras = ", ".join(f"{prefix}{camera} ({len(places)} images)" for camera, places in found.numbers.items())
+        cameras = ", ".join(f"{prefix}{camera} ({len(places)} images)" for camera, places in by_name.numbers.items())
         place = folder.path if folder.archive is None else folder.archive[0]
-        notes.append(f"{place}: by their names its images are of {len(found.numbers)} cameras: {cameras}")
-        if found.strays:
-            strays = ", ".join(folder.files[place].name for place in found.strays)
+        notes.append(f"{place}: by their names its images are of {len(by_name.numbers)} cameras: {cameras}")
+        if by_name.strays:
+            strays = ", ".join(folder.files[place].name for place in by_name.strays)
             problems.append(f"{place}: {strays}: of none of its cameras by name, left out")
     return sources
 
@@ -104,27 +104,27 @@ def _contents(folder: Path) -> list[Path]:
 
 def _named_apart(folders: list[ImageFolder]) -> list[ImageFolder]:
     """Each named by the one part of its path that names a camera, or by what sets its path apart from the others'."""
-    marks = [[part for part in one.within if _is_camera(part)] for one in folders]
+    marks = [[part for part in folder.within if _is_camera(part)] for folder in folders]
     if folders and all(len(mark) == 1 for mark in marks):
-        return [replace(one, name=mark[0]) for one, mark in zip(folders, marks, strict=True)]
-    shared = len(os.path.commonprefix([one.within[:-1] for one in folders]))
-    short = ["_".join(_without_plain(one.within[shared:]) or one.within[-1:]) for one in folders]
+        return [replace(folder, name=mark[0]) for folder, mark in zip(folders, marks, strict=True)]
+    shared = len(os.path.commonprefix([folder.within[:-1] for folder in folders]))
+    short = ["_".join(_without_plain(folder.within[shared:]) or folder.within[-1:]) for folder in folders]
     taken = Counter(short)
     return [
-        replace(one, name=name if taken[name] == 1 else "_".join(one.within))
-        for one, name in zip(folders, short, strict=True)
+        replace(folder, name=name if taken[name] == 1 else "_".join(folder.within))
+        for folder, name in zip(folders, short, strict=True)
     ]
 
 
 def _named_by_themselves(folders: Sequence[ImageFolder]) -> list[ImageFolder]:
     """Folders that the user named are called what they are called or, where that says nothing, what holds them is."""
-    parents = {one.path.absolute().parent for one in folders if not one.name}
+    parents = {folder.path.absolute().parent for folder in folders if not folder.name}
     named = []
-    for one in folders:
-        own, parent = one.path.absolute().name or "images", one.path.absolute().parent.name
+    for folder in folders:
+        own, parent = folder.path.absolute().name or "images", folder.path.absolute().parent.name
         plain = own.lower() in _PLAIN_NAMES and parent
         name = parent if plain and (_is_camera(parent) or len(parents) > 1) else own
-        named.append(one if one.name else replace(one, name=name))
+        named.append(folder if folder.name else replace(folder, name=name))
     return named
 
 

@@ -57,24 +57,24 @@ def cameras_in_names(
     """
     words = [re.sub(r"(?<=[a-z])(?=[A-Z])", "_", stem(name)).lower() for name in names]
     for mark in _MARKS:
-        found = _split(words, partial(_marked, mark))
-        if found is not None and _are_cameras(found.numbers):
-            return found
-    found = _split(words, _skeleton)
-    if found is None or found.strays:
+        cameras = _split(words, partial(_marked, mark))
+        if cameras is not None and _are_cameras(cameras.numbers):
+            return cameras
+    cameras = _split(words, _skeleton)
+    if cameras is None or cameras.strays:
         return None
-    if _same_times(words, found) or (size_of is not None and _sizes_of_their_own(found, size_of)):
-        return found
+    if _same_times(words, cameras) or (size_of is not None and _sizes_of_their_own(cameras, size_of)):
+        return cameras
     return None
 
 
 def _marked(mark: re.Pattern[str], word: str) -> _Reading | None:
     """Camera, rest and numbers of a name; None where no camera or no number is in it."""
-    found = mark.search(word)
-    if found is None:
+    match = mark.search(word)
+    if match is None:
         return None
-    camera = re.sub(r"[ _-]", "", found[0])
-    rest = f"{word[: found.start()]}|{word[found.end() :]}"
+    camera = re.sub(r"[ _-]", "", match[0])
+    rest = f"{word[: match.start()]}|{word[match.end() :]}"
     numbers = tuple(map(int, re.findall(r"\d{1,30}", rest)))
     return (_SAME_SIDE.get(camera, camera), re.sub(r"\d+", "#", rest), numbers) if numbers else None
 
@@ -89,26 +89,26 @@ def _skeleton(word: str) -> _Reading | None:
 def _split(words: Sequence[str], reading: Callable[[str], _Reading | None]) -> NamedCameras | None:
     """Images by camera, where the cameras have about as many, of the same numbers, named in the same way."""
     readings = [reading(word) for word in words]
-    rests = [found[1] for found in readings if found is not None]
+    rests = [parts[1] for parts in readings if parts is not None]
     if not rests:
         return None
     usual = max(set(rests), key=rests.count)
     cameras: dict[str, list[int]] = {}
     numbers_of: dict[str, set[tuple[int, ...]]] = {}
     strays = []
-    for place, found in enumerate(readings):
-        if found is None or found[1] != usual:
+    for place, parts in enumerate(readings):
+        if parts is None or parts[1] != usual:
             strays.append(place)
         else:
-            cameras.setdefault(found[0], []).append(place)
-            numbers_of.setdefault(found[0], set()).add(found[2])
+            cameras.setdefault(parts[0], []).append(place)
+            numbers_of.setdefault(parts[0], set()).add(parts[2])
     if not 2 <= len(cameras) <= MOST_CAMERAS or len(strays) > min(_MOST_STRAYS, _STRAY * len(words)):
         return None
     numbers = list(numbers_of.values())
     fewest, most = min(map(len, numbers)), max(map(len, numbers))
     if fewest < 2 or fewest < _ALIKE * most or sum(map(len, numbers)) != len(words) - len(strays):
         return None
-    if any(len(one & other) < _ALIKE * min(len(one), len(other)) for one in numbers for other in numbers):
+    if any(len(first & second) < _ALIKE * min(len(first), len(second)) for first in numbers for second in numbers):
         return None
     return NamedCameras(dict(sorted(cameras.items())), tuple(strays))
 
@@ -120,18 +120,20 @@ def _are_cameras(cameras: dict[str, list[int]]) -> bool:
     )
 
 
-def _same_times(words: Sequence[str], found: NamedCameras) -> bool:
+def _same_times(words: Sequence[str], cameras: NamedCameras) -> bool:
     """One camera does not take two images in the same microsecond."""
     return all(
         any(len(digits) in (16, 19) for digits in re.findall(r"\d+", words[place])) or _SECONDS.search(words[place])
-        for places in found.numbers.values()
+        for places in cameras.numbers.values()
         for place in places
     )
 
 
-def _sizes_of_their_own(found: NamedCameras, size_of: Callable[[int], tuple[int, int] | None]) -> bool:
-    sizes = [{size_of(places[i]) for i in (0, len(places) // 2, -1)} for places in found.numbers.values()]
-    return all(len(one) == 1 and None not in one for one in sizes) and len(set().union(*sizes)) == len(sizes)
+def _sizes_of_their_own(cameras: NamedCameras, size_of: Callable[[int], tuple[int, int] | None]) -> bool:
+    sizes = [{size_of(places[i]) for i in (0, len(places) // 2, -1)} for places in cameras.numbers.values()]
+    return all(len(of_camera) == 1 and None not in of_camera for of_camera in sizes) and len(
+        set().union(*sizes)
+    ) == len(sizes)
 
 
 def times_in_names(names: Sequence[str]) -> list[int] | None:
@@ -148,16 +150,16 @@ def times_in_names(names: Sequence[str]) -> list[int] | None:
 
 
 def _dotted_time(word: str) -> int | None:
-    found = _SECONDS.findall(word)
-    if len(found) != 1:
+    matches = _SECONDS.findall(word)
+    if len(matches) != 1:
         return None
-    seconds, decimals = found[0]
+    seconds, decimals = matches[0]
     return int(seconds) * 10**9 + int(decimals.ljust(9, "0"))
 
 
 def _whole_time(word: str) -> int | None:
-    found = [digits for digits in re.findall(r"\d+", word) if len(digits) in _UNITS]
-    if len(found) != 1:
+    runs = [digits for digits in re.findall(r"\d+", word) if len(digits) in _UNITS]
+    if len(runs) != 1:
         return None
-    time = int(found[0]) * _UNITS[len(found[0])]
+    time = int(runs[0]) * _UNITS[len(runs[0])]
     return time if _EARLIEST <= time < _LATEST else None

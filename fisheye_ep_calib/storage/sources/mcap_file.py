@@ -54,8 +54,8 @@ class McapFile(BagSource):
             self._index_by_walking(stream)
 
     def _forget(self) -> None:
-        for known in (self.topics, self.entries, self.encodings, self._schemas, self._channels):
-            known.clear()
+        for table in (self.topics, self.entries, self.encodings, self._schemas, self._channels):
+            table.clear()
 
     def _index_from_summary(self, stream: BinaryIO) -> bool:
         """List the images from the summary at the file's end; False where it is missing or damaged."""
@@ -149,10 +149,12 @@ class McapFile(BagSource):
     def _say_cut_short(self, position: int) -> None:
         percent = 100 * position / self._size
         if percent >= 99.5:
-            said = f"unfinished or cut short; the {self.image_count} images it still holds are used"
+            problem = f"unfinished or cut short; the {self.image_count} images it still holds are used"
         else:
-            said = f"cut short or damaged; the {self.image_count} images before {percent:.0f} % of its length are used"
-        self.problems.append(f"{self.path}: {said}")
+            problem = (
+                f"cut short or damaged; the {self.image_count} images before {percent:.0f} % of its length are used"
+            )
+        self.problems.append(f"{self.path}: {problem}")
 
     def _index_chunk(self, stream: BinaryIO, record: Record) -> bool:
         """List the images of a chunk; False where some of it is lost."""

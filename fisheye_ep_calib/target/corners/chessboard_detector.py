@@ -82,8 +82,8 @@ class ChessboardDetector:
         for cells, pixels in self._patches(image):
             if len(cells) < 4 or len(cells) <= len(best):
                 break
-            found = self._complete(image, cells, pixels)
-            best = max(best, found, key=lambda one: (len(one), len(one.rejected)))
+            completed = self._complete(image, cells, pixels)
+            best = max(best, completed, key=lambda detection: (len(detection), len(detection.rejected)))
         return best if len(best) else replace(best, reason=why_not(image, best.reason))
 
     def _patches(self, image: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -113,9 +113,9 @@ class ChessboardDetector:
         parity = colour_parity(image, cells, rough)
         if parity < 0:
             return Detection(reason="board not found", rejected=rough)
-        axes, known = local_axes(cells, rough)
+        axes, defined = local_axes(cells, rough)
         bright = np.where(cells.sum(axis=1) % 2 == parity, -1.0, 1.0)
-        good &= known & looks_like_corner(image, pixels, 0.5 * axes, bright)
+        good &= defined & looks_like_corner(image, pixels, 0.5 * axes, bright)
         if good.sum() < 4:
             return Detection(reason="board not found", rejected=rough)
         # Labelled before the last, strict checks: the larger the patch, the fewer places it fits.
@@ -130,9 +130,9 @@ class ChessboardDetector:
             is_plain=lambda sites, scale: _is_plain(image, sites, scale),
         )
         # The lattice is judged by all that is in it: of the corners that fit well, too few may be neighbours.
-        regular = labels.known.any() and is_regular(cells[labels.known], pixels[labels.known])
+        regular = labels.named.any() and is_regular(cells[labels.named], pixels[labels.named])
         pixels, fits = _refine(image, cells, pixels, parity)
-        fits &= labels.known
+        fits &= labels.named
         if fits.any():
             fits[fits] = smooth(cells[fits], pixels[fits])
         if not regular:
@@ -162,24 +162,24 @@ class ChessboardDetector:
         if min(size) < 3 or min(image.shape) < 20:
             return NOTHING
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_FAST_CHECK
-        found, corners = cv2.findChessboardCorners(image, size, flags=flags)
-        return (self.lattice, corners.reshape(-1, 2).astype(float)) if found else NOTHING
+        whole, corners = cv2.findChessboardCorners(image, size, flags=flags)
+        return (self.lattice, corners.reshape(-1, 2).astype(float)) if whole else NOTHING
 
 
 def _find_part(library: ModuleType, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    found = library.detect_chessboard(np.ascontiguousarray(image))
-    if found is None:
+    board = library.detect_chessboard(np.ascontiguousarray(image))
+    if board is None:
         return NOTHING
-    cells = np.array([(corner.grid.u, corner.grid.v) for corner in found.corners], dtype=int)
-    return cells, np.array([corner.position for corner in found.corners], dtype=float)
+    cells = np.array([(corner.grid.u, corner.grid.v) for corner in board.corners], dtype=int)
+    return cells, np.array([corner.position for corner in board.corners], dtype=float)
 
 
 def _refine(image: np.ndarray, cells: np.ndarray, pixels: np.ndarray, parity: int) -> tuple[np.ndarray, np.ndarray]:
     """Positions (k, 2) by fitting each corner's picture, and whether it is a corner and nothing else (k,)."""
-    axes, known = local_axes(cells, pixels)
+    axes, defined = local_axes(cells, pixels)
     fit = fit_saddles(image, pixels, 0.5 * axes, 0.25 * local_bend(cells, pixels))
     bright = np.where(cells.sum(axis=1) % 2 == parity, -1.0, 1.0)
-    good = fit.good(bright) & known & looks_like_corner(image, fit.pixels, 0.5 * axes, bright)
+    good = fit.good(bright) & defined & looks_like_corner(image, fit.pixels, 0.5 * axes, bright)
     return fit.pixels, good
 
 

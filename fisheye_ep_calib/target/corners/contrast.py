@@ -44,5 +44,5 @@ def detect_stretched(detect: Callable[[np.ndarray], Detection], image: np.ndarra
     A board that is small and brighter than all else lies beyond the percentiles, and is saturated when stretched.
     """
     wide = stretched(image)
-    found = Detection() if wide is image else detect(wide)
-    return found if len(found) else detect(image)
+    detection = Detection() if wide is image else detect(wide)
+    return detection if len(detection) else detect(image)

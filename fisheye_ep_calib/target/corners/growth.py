@@ -61,12 +61,12 @@ def _examine(
     if len(sites) == 0:
         return np.zeros(0, dtype=bool), where
     distance = np.abs(sites[:, None] - cells).sum(axis=2)
-    axes, known = local_axes(cells, pixels)
-    distance[:, ~known] += 1000
+    axes, defined = local_axes(cells, pixels)
+    distance[:, ~defined] += 1000
     nearest = distance.argmin(axis=1)
     half = 0.5 * axes[nearest]
     reach = reach_of(half)
     refined, good = refine_corners(image, where, reach)
-    good &= known[nearest] & (np.hypot(*(refined - where).T) < 0.6 * reach)
+    good &= defined[nearest] & (np.hypot(*(refined - where).T) < 0.6 * reach)
     bright = np.where(sites.sum(axis=1) % 2 == parity, -1.0, 1.0)
     return good & looks_like_corner(image, refined, half, bright), refined

@@ -46,14 +46,14 @@ def find_blobs(image: np.ndarray, windows: tuple[int, ...], holes: bool) -> Blob
     them is larger than the disc. holes: whether discs may have a white hole.
     """
     offset = max(4.0, 1.5 * _noise(image))
-    found = []
+    ellipses = []
     for window in windows:
         window = min(window, (min(image.shape) // 2) * 2 - 1) | 1
         mask = cv2.adaptiveThreshold(
             image, 1, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, max(window, 3), offset
         )
-        found.append(_ellipses(mask, holes))
-    blobs = Blobs(*(np.concatenate([getattr(f, name) for f in found]) for name in Blobs.__dataclass_fields__))
+        ellipses.append(_ellipses(mask, holes))
+    blobs = Blobs(*(np.concatenate([getattr(f, name) for f in ellipses]) for name in Blobs.__dataclass_fields__))
     blobs = blobs[_stands_out(image, blobs)]
     return _without_duplicates(blobs)
 

@@ -86,7 +86,7 @@ class CircleGridDetector:
         light = self._detect(cv2.bitwise_not(image))
         if len(light):
             return light
-        best = max(dark, light, key=lambda one: one.reason != NOT_FOUND)
+        best = max(dark, light, key=lambda detection: detection.reason != NOT_FOUND)
         return replace(best, reason=why_not(image, best.reason))
 
     def _detect(self, image: np.ndarray) -> Detection:
@@ -94,8 +94,8 @@ class CircleGridDetector:
         total = len(self.target.object_points)
         best = _Found(-math.inf)
         for factor in _search_factors(image.shape):
-            found = self._detect_at(image, factor)
-            best = max(best, found, key=lambda candidate: candidate.score)
+            candidate_at = self._detect_at(image, factor)
+            best = max(best, candidate_at, key=lambda candidate: candidate.score)
             if len(best.detection) >= 0.5 * total:
                 break
         if len(best.detection) >= self.fewest:
@@ -118,20 +118,20 @@ class CircleGridDetector:
         if discs_are_light(image, expected, shape):
             image = cv2.bitwise_not(image)
         hole = np.where(np.isin(index, self.target.holed), self.hole_ratio, 0.0)
-        found = measure_discs(image, expected, shape, self.gap_ratio, hole, keep_shape=True)
-        good = found.good.copy()
+        discs = measure_discs(image, expected, shape, self.gap_ratio, hole, keep_shape=True)
+        good = discs.good.copy()
         if good.any():
-            offset = found.center[good] - expected[good]
+            offset = discs.center[good] - expected[good]
             large = np.maximum(minor_axis(shape[good]) - LARGE, 0)
             usual = USUAL_ERROR + MODEL_ERROR * _typical(offset) + SIZE_ERROR * large
             columns = pose_columns(camera, camera_from_target, points[index[good]])
             common = stays_smooth(points[index[good]], offset, usual, columns)
             common &= np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * minor_axis(shape[good])
-            allowed = np.where(hole[good] > 0, np.inf, found[good].size_error)
-            good[good] = common & stays_smooth(points[index[good]], found[good].log_radius_ratio, allowed)
+            allowed = np.where(hole[good] > 0, np.inf, discs[good].size_error)
+            good[good] = common & stays_smooth(points[index[good]], discs[good].log_radius_ratio, allowed)
         if not good.any():
             return Detection(reason="board not found where the camera expects it", rejected=expected)
-        return Detection(index[good], found.center[good], rejected=found.center[~good])
+        return Detection(index[good], discs.center[good], rejected=discs.center[~good])
 
     def _detect_at(self, image: np.ndarray, factor: int) -> _Found:
         """The best of the largest lattices, looked for in the image reduced by ``factor``."""
@@ -144,44 +144,44 @@ class CircleGridDetector:
         for lattice in [lattice for lattice in lattices if len(lattice) <= largest][:MOST_LATTICES]:
             if best.score > len(lattice):
                 break
-            found = self._measure_and_label(image, blobs, lattice)
-            best = max(best, found, key=lambda candidate: (candidate.score, candidate.detection.reason))
+            labelled = self._measure_and_label(image, blobs, lattice)
+            best = max(best, labelled, key=lambda candidate: (candidate.score, candidate.detection.reason))
         return best
 
     def _measure_and_label(self, image: np.ndarray, blobs: Blobs, lattice: Lattice) -> _Found:
         chosen = blobs[lattice.blob]
         hole = np.full(len(chosen), self.hole_ratio)
-        found = measure_discs(image, chosen.center, chosen.shape, self.gap_ratio, hole)
-        cells, found = complete_discs(image, lattice.cell, found, self.gap_ratio, self.hole_ratio, self.longest)
-        good = found.good.copy()
+        discs = measure_discs(image, chosen.center, chosen.shape, self.gap_ratio, hole)
+        cells, discs = complete_discs(image, lattice.cell, discs, self.gap_ratio, self.hole_ratio, self.longest)
+        good = discs.good.copy()
         if good.any():
-            good[good] = fits_neighbours(cells[good], found.center[good], found.shape[good])
-        if not self._is_board(cells[good], found[good], blobs):
+            good[good] = fits_neighbours(cells[good], discs.center[good], discs.shape[good])
+        if not self._is_board(cells[good], discs[good], blobs):
             return _Found(detection=Detection(rejected=blobs.center))
         marks = None
         if self.target.holed:
-            marks = hole_evidence(image, cells, found, self.hole_ratio, self.target.lattice[list(self.target.holed)])
+            marks = hole_evidence(image, cells, discs, self.hole_ratio, self.target.lattice[list(self.target.holed)])
         labels = label_patch(
             cells,
-            found.center,
+            discs.center,
             self.target.lattice,
             allowed=marks,
-            is_plain=lambda sites, scale: _is_plain(image, sites, found),
+            is_plain=lambda sites, scale: _is_plain(image, sites, discs),
             least=LEAST_HOLES if marks else None,
             turns=self.target.turns,
         )
-        if not labels.known.any():
+        if not labels.named.any():
             reason = f"{int(good.sum())} discs, but not which: too few of the holed ones are seen"
-            if marks is not None and self._is_mirrored(cells, found, marks):
+            if marks is not None and self._is_mirrored(cells, discs, marks):
                 reason = f"{int(good.sum())} discs, and the image is mirrored: the holed ones lie as in a mirror"
             return _Found(detection=Detection(reason=reason, rejected=blobs.center))
         # A lattice that goes on beyond the target is something else.
-        beyond = int((good & ~labels.known).sum())
-        good &= labels.known
-        good[good] = smooth(cells[good], found.center[good])
+        beyond = int((good & ~labels.named).sum())
+        good &= labels.named
+        good[good] = smooth(cells[good], discs.center[good])
         loose = np.ones(len(blobs), dtype=bool)
         loose[lattice.blob[good[: len(lattice)]]] = False
-        detection = Detection(labels.point_index[good], found.center[good], rejected=blobs.center[loose])
+        detection = Detection(labels.point_index[good], discs.center[good], rejected=blobs.center[loose])
         return _Found(len(detection) - 2 * beyond, detection)
 
     def _is_mirrored(self, cells: np.ndarray, discs: Measurement, marks: HoleEvidence) -> bool:
@@ -190,7 +190,7 @@ class CircleGridDetector:
         turns = self.target.turns
         evidence = replace(marks, cells=across)
         labels = label_patch(across, discs.center, self.target.lattice, evidence, least=LEAST_HOLES, turns=turns)
-        return bool(labels.known.any())
+        return bool(labels.named.any())
 
     def _is_board(self, cells: np.ndarray, discs: Measurement, blobs: Blobs) -> bool:
         """Whether discs at cells (k, 2) are a grid like the target's, no chance chain nor part of a finer grid."""

@@ -34,11 +34,11 @@ def complete_discs(
         if len(sites):
             nearest = np.abs(sites[:, None] - cells[good]).sum(axis=2).argmin(axis=1)
             shape = discs.shape[good[nearest]]
-            found = measure_discs(image, where, shape, ratio, np.full(len(sites), hole))
-            kept = _belongs(found, where, shape, np.median(discs.contrast[good]))
-            kept[kept] = _apart(found[kept], sites[kept], cells[good], discs[good])
+            fresh = measure_discs(image, where, shape, ratio, np.full(len(sites), hole))
+            kept = _belongs(fresh, where, shape, np.median(discs.contrast[good]))
+            kept[kept] = _apart(fresh[kept], sites[kept], cells[good], discs[good])
         if kept.any():
-            cells, discs = np.concatenate([cells, sites[kept]]), discs.joined(found[kept])
+            cells, discs = np.concatenate([cells, sites[kept]]), discs.joined(fresh[kept])
             taken.update(tuple(site) for site in sites[kept].tolist())
         # Beyond something that hides a disc the lattice may go on.
         ahead = 1 if kept.any() else ahead + 1
@@ -58,17 +58,17 @@ def _fresh_sites(
     return sites[fresh], where[fresh]
 
 
-def _belongs(found: Measurement, where: np.ndarray, shape: np.ndarray, contrast: float) -> np.ndarray:
+def _belongs(fresh: Measurement, where: np.ndarray, shape: np.ndarray, contrast: float) -> np.ndarray:
     """Whether each disc is seen whole, near where it should be (m, 2), and of the size and contrast of its
     like.
     """
-    near = np.hypot(*(found.center - where).T) < 0.7 * minor_axis(shape)
-    alike = np.abs(np.log(np.linalg.det(found.shape) / np.linalg.det(shape))) < 0.8
-    result: np.ndarray = found.good & near & alike & (found.contrast > 0.4 * contrast)
+    near = np.hypot(*(fresh.center - where).T) < 0.7 * minor_axis(shape)
+    alike = np.abs(np.log(np.linalg.det(fresh.shape) / np.linalg.det(shape))) < 0.8
+    result: np.ndarray = fresh.good & near & alike & (fresh.contrast > 0.4 * contrast)
     return result
 
 
-def _apart(found: Measurement, sites: np.ndarray, cells: np.ndarray, discs: Measurement) -> np.ndarray:
+def _apart(fresh: Measurement, sites: np.ndarray, cells: np.ndarray, discs: Measurement) -> np.ndarray:
     """Whether each new disc (m,) at sites (m, 2) lies as far from the patch's discs as its place in the lattice says.
 
     Where the board ends, lines lead back to discs that are known already.
@@ -76,10 +76,10 @@ def _apart(found: Measurement, sites: np.ndarray, cells: np.ndarray, discs: Meas
     if len(sites) == 0:
         return np.zeros(0, dtype=bool)
     count = len(cells)
-    center, frame = np.concatenate([discs.center, found.center]), frames(np.concatenate([discs.shape, found.shape]))
+    center, frame = np.concatenate([discs.center, fresh.center]), frames(np.concatenate([discs.shape, fresh.shape]))
     first, second = lattice_edges(cells)
     pitch = np.median(mean_distance(frame, center, first, second)) if len(first) else 1.0
-    apart = np.linalg.norm(found.center[:, None] - center, axis=2)
+    apart = np.linalg.norm(fresh.center[:, None] - center, axis=2)
     apart[np.arange(len(sites)), count + np.arange(len(sites))] = np.inf
     beside = apart.argmin(axis=1)
     new = count + np.arange(len(sites))

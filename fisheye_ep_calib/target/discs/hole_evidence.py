@@ -40,14 +40,14 @@ def hole_evidence(
 ) -> HoleEvidence:
     """Look for holes in measured discs at cells (k, 2). hole: its radius as a share of the disc's. marks (m, 2)."""
     excess = _brightness(image, discs, hole)
-    known = discs.good & np.isfinite(excess)
-    usual = float(np.median(excess[known])) if known.any() else 0.0
-    noise = 1.4826 * float(np.median(np.abs(excess[known] - usual))) if known.any() else 0.0
-    holed = known & (excess - usual > np.clip(LEAST_NOISES * noise, LEAST_BRIGHTNESS, ENOUGH_BRIGHTNESS))
+    measured = discs.good & np.isfinite(excess)
+    usual = float(np.median(excess[measured])) if measured.any() else 0.0
+    noise = 1.4826 * float(np.median(np.abs(excess[measured] - usual))) if measured.any() else 0.0
+    holed = measured & (excess - usual > np.clip(LEAST_NOISES * noise, LEAST_BRIGHTNESS, ENOUGH_BRIGHTNESS))
     # A hole narrower than the blur would not be seen: 1 − exp(−a²/2σ²) is what a Gaussian leaves in its middle.
     radius = hole * minor_axis(discs.shape)
     left = 1 - np.exp(-(radius**2) / (2 * np.maximum(discs.blur, 0.3) ** 2))
-    plain = known & ~holed & (left > VISIBLE)
+    plain = measured & ~holed & (left > VISIBLE)
     return HoleEvidence(cells, holed, plain, frozenset(map(tuple, marks.tolist())))
 
 

@@ -28,9 +28,9 @@ def frames(shape: np.ndarray) -> np.ndarray:
 def mean_distance(frame: np.ndarray, center: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Distance (e,) from disc ``first`` to ``second``, in radii: geometric mean of what both say."""
     offset = (center[second] - center[first])[:, :, None]
-    one = np.linalg.norm((frame[first] @ offset)[..., 0], axis=1)
-    other = np.linalg.norm((frame[second] @ offset)[..., 0], axis=1)
-    result: np.ndarray = np.sqrt(one * other)
+    forward = np.linalg.norm((frame[first] @ offset)[..., 0], axis=1)
+    backward = np.linalg.norm((frame[second] @ offset)[..., 0], axis=1)
+    result: np.ndarray = np.sqrt(forward * backward)
     return result
 
 
@@ -72,25 +72,25 @@ def is_disc_lattice(cells: np.ndarray, center: np.ndarray, shape: np.ndarray, ra
     if squares < FEWEST_SQUARES and worst > EXCELLENT:
         return False
     rest = line_residuals(cells, center) / local_pitch(cells, center)
-    known = np.isfinite(rest)
-    bent = float(np.median(rest[known])) if known.sum() >= 4 else 0.0
+    finite = np.isfinite(rest)
+    bent = float(np.median(rest[finite])) if finite.sum() >= 4 else 0.0
     # Rulers that agree well are evidence of a grid: its rows may bend the more.
     return worst < 1 and bent / MOST_BEND < 2 - worst
 
 
 def _slant(beside: np.ndarray, frame: np.ndarray, center: np.ndarray) -> float:
     """Mean |cos| of the angles between neighbours along the lattice's two axes, in the discs' frames."""
-    found = []
+    slants = []
     for along in (0, 1):
         for across in (2, 3):
             index = np.flatnonzero((beside[:, along] >= 0) & (beside[:, across] >= 0))
-            one, other = (
+            first, second = (
                 (frame[index] @ (center[beside[index, side]] - center[index])[:, :, None])[..., 0]
                 for side in (along, across)
             )
-            length = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
-            found.append(np.abs((one * other).sum(axis=1)) / np.maximum(length, 1e-9))
-    return float(np.concatenate(found).mean())
+            length = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
+            slants.append(np.abs((first * second).sum(axis=1)) / np.maximum(length, 1e-9))
+    return float(np.concatenate(slants).mean())
 
 
 def is_every_second(cells: np.ndarray, center: np.ndarray, blobs: np.ndarray) -> bool:

@@ -72,7 +72,7 @@ def arrange(place: np.ndarray, corners: np.ndarray, readings: Sequence[Reading])
 
 def _agreeing_pairs(metres: np.ndarray, place: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Pairs (p, 2) of markers of which the one lies where the other's corners say; metres (m, 4, 2) by a reading."""
-    middles, seen = metres.mean(axis=1), corners.mean(axis=1)
+    middles, measured = metres.mean(axis=1), corners.mean(axis=1)
     first, second = _asked(middles, place)
     if len(first) == 0:
         return np.empty((0, 2), dtype=int)
@@ -81,10 +81,10 @@ def _agreeing_pairs(metres: np.ndarray, place: np.ndarray, corners: np.ndarray) 
     offset = middles[second] - own[:, 0]
     unit = np.stack([(offset * axis).sum(axis=1) / (axis * axis).sum(axis=1) for axis in (across, down)], axis=1)
     expected = apply_homographies(from_unit_square(corners[first]), unit[:, :1], unit[:, 1:])[:, 0]
-    far = np.linalg.norm(expected - seen[first], axis=1)
-    agrees = np.linalg.norm(expected - seen[second], axis=1) < AGREES * far
+    far = np.linalg.norm(expected - measured[first], axis=1)
+    agrees = np.linalg.norm(expected - measured[second], axis=1) < AGREES * far
     # The scale that a marker seen at a slant tells may run away: the distance must be the other's measure too.
-    real = np.linalg.norm(seen[second] - seen[first], axis=1)
+    real = np.linalg.norm(measured[second] - measured[first], axis=1)
     agrees &= (far < 2 * real) & (real < 2 * far)
     return np.unique(np.sort(np.stack([first[agrees], second[agrees]], axis=1), axis=1), axis=0)
 

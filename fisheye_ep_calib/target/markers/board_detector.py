@@ -46,24 +46,24 @@ class MarkerBoardDetector:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
-        found = detect_stretched(self._detect, image)
-        return found if len(found) else replace(found, reason=why_not(image, found.reason))
+        detection = detect_stretched(self._detect, image)
+        return detection if len(detection) else replace(detection, reason=why_not(image, detection.reason))
 
     def _detect(self, image: np.ndarray) -> Detection:
-        seen = find_markers(image, self.book, self.numbers, self.touching)
-        board = seen[np.isin(seen.number, self.numbers)]
+        markers = find_markers(image, self.book, self.numbers, self.touching)
+        board = markers[np.isin(markers.number, self.numbers)]
         place = np.searchsorted(self.numbers, board.number)
         arrangement = arrange(place, board.corners, self.readings)
         reading = arrangement.reading
         if reading is None or reading.fault:
-            reason = reading.fault if reading else why_no_board(image, seen, self.numbers, self.book, self.touching)
-            return Detection(reason=reason, rejected=np.vstack([seen.rejected, seen.corners.mean(axis=1)]))
+            reason = reading.fault if reading else why_no_board(image, markers, self.numbers, self.book, self.touching)
+            return Detection(reason=reason, rejected=np.vstack([markers.rejected, markers.corners.mean(axis=1)]))
         chosen = arrangement.chosen
-        found = self._measure(image, board[chosen], place[chosen], reading)
+        detection = self._measure(image, board[chosen], place[chosen], reading)
         remarks = [reading.remark] if reading.remark else []
         if arrangement.others:
             remarks.append("another board with the same markers is in view; the more complete one was taken")
-        return replace(found, remark="; ".join(remarks)) if len(found) else found
+        return replace(detection, remark="; ".join(remarks)) if len(detection) else detection
 
     def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
         # The colours about the corners are those of any reading, or all exchanged.
@@ -75,10 +75,10 @@ class MarkerBoardDetector:
             around = replace(around, bright=-around.bright)
         # Of few markers each has to tell more.
         reach = self.reach[0] if len(board) >= MANY_MARKERS else self.reach[1]
-        start, jacobian, known = corners_by_markers(reading.marker_points[place], board.corners, points, reach)
-        pixels, found = complete_corners(image, points, start, jacobian, known, around, self.step)
-        missed = start[known & ~found]
-        if found.sum() < min(FEWEST_CORNERS, len(points)):
-            reason = f"{int(found.sum())} of {len(points)} corners" if found.any() else "board not found"
-            return Detection(reason=reason, rejected=np.vstack([missed, pixels[found]]))
-        return Detection(np.flatnonzero(found), pixels[found], rejected=missed)
+        start, jacobian, defined = corners_by_markers(reading.marker_points[place], board.corners, points, reach)
+        pixels, confirmed = complete_corners(image, points, start, jacobian, defined, around, self.step)
+        missed = start[defined & ~confirmed]
+        if confirmed.sum() < min(FEWEST_CORNERS, len(points)):
+            reason = f"{int(confirmed.sum())} of {len(points)} corners" if confirmed.any() else "board not found"
+            return Detection(reason=reason, rejected=np.vstack([missed, pixels[confirmed]]))
+        return Detection(np.flatnonzero(confirmed), pixels[confirmed], rejected=missed)

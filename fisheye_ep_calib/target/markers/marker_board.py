@@ -24,26 +24,26 @@ def corners_by_markers(
 
     marker_points, marker_pixels (m, 4, 2): the markers' corners in metres and pixels. reach: how far from a
     marker's middle, metres, its homography is believed. Returns pixels (n, 2), pixels per metre (n, 2, 2),
-    known (n,).
+    defined (n,).
     """
     pixels, jacobian = np.zeros((len(points), 2)), np.zeros((len(points), 2, 2))
     weight = np.zeros(len(points))
     tree = cKDTree(points)
-    for metres, seen in zip(marker_points, marker_pixels, strict=True):
+    for metres, corners in zip(marker_points, marker_pixels, strict=True):
         middle = metres.mean(axis=0)
         near = np.array(tree.query_ball_point(middle, reach), dtype=int)
         if len(near) == 0:
             continue
-        homography = cv2.getPerspectiveTransform(metres.astype(np.float32), seen.astype(np.float32))
+        homography = cv2.getPerspectiveTransform(metres.astype(np.float32), corners.astype(np.float32))
         where, slope = _apply(homography, points[near])
         share = 1 / (np.hypot(*(points[near] - middle).T) + 1e-6) ** 2
         pixels[near] += share[:, None] * where
         jacobian[near] += share[:, None, None] * slope
         weight[near] += share
-    known = weight > 0
-    pixels[known] /= weight[known, None]
-    jacobian[known] /= weight[known, None, None]
-    return pixels, jacobian, known
+    defined = weight > 0
+    pixels[defined] /= weight[defined, None]
+    jacobian[defined] /= weight[defined, None, None]
+    return pixels, jacobian, defined
 
 
 def _apply(homography: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -60,65 +60,65 @@ def complete_corners(
     points: np.ndarray,
     pixels: np.ndarray,
     jacobian: np.ndarray,
-    known: np.ndarray,
+    defined: np.ndarray,
     around: Surroundings,
     step: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Measure the features with a rough place, then those near measured ones, until no more are found.
 
-    points (n, 2): metres. pixels, jacobian, known: as from ``corners_by_markers``. step: the largest distance
-    of neighbouring features, metres. Returns pixels (n, 2) and whether each was found (n,).
+    points (n, 2): metres. pixels, jacobian, defined: as from ``corners_by_markers``. step: the largest distance
+    of neighbouring features, metres. Returns pixels (n, 2) and whether each is confirmed (n,).
     """
-    pixels, found = pixels.copy(), np.zeros(len(points), dtype=bool)
+    pixels, confirmed = pixels.copy(), np.zeros(len(points), dtype=bool)
     tries = np.zeros(len(points), dtype=int)
-    fresh = np.flatnonzero(known)
+    fresh = np.flatnonzero(defined)
     for number in range(MOST_ROUNDS):
         if len(fresh) == 0:
             break
         bend = np.zeros((len(fresh), 2, 3))
         measured, good = measure_corners(image, pixels[fresh], jacobian[fresh], bend, around[fresh])
         pixels[fresh[good]] = measured[good]
-        found[fresh[good]] = True
-        found = _one_name_each(points, pixels, found, jacobian, step)
+        confirmed[fresh[good]] = True
+        confirmed = _one_name_each(points, pixels, confirmed, jacobian, step)
         tries[fresh] += number > 0
-        if found.sum() < NEAR:
+        if confirmed.sum() < NEAR:
             break
-        pixels, jacobian, fresh = _next_round(points, pixels, jacobian, found, tries >= MOST_TRIES, step)
-    if found.sum() >= NEAR:
-        found = _consistent(points, pixels, found)
-        found &= _measure_again(image, points, pixels, found, around)
-    return pixels, found
+        pixels, jacobian, fresh = _next_round(points, pixels, jacobian, confirmed, tries >= MOST_TRIES, step)
+    if confirmed.sum() >= NEAR:
+        confirmed = _consistent(points, pixels, confirmed)
+        confirmed &= _measure_again(image, points, pixels, confirmed, around)
+    return pixels, confirmed
 
 
 def _next_round(
-    points: np.ndarray, pixels: np.ndarray, jacobian: np.ndarray, found: np.ndarray, tried: np.ndarray, step: float
+    points: np.ndarray, pixels: np.ndarray, jacobian: np.ndarray, confirmed: np.ndarray, tried: np.ndarray, step: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places of features that are not found yet, from a quadratic through the found ones around each."""
-    missing = np.flatnonzero(~found & ~tried)
+    missing = np.flatnonzero(~confirmed & ~tried)
     pixels, jacobian = pixels.copy(), jacobian.copy()
-    tree = cKDTree(points[found])
+    tree = cKDTree(points[confirmed])
     distance, _ = tree.query(points[missing]) if len(missing) else (np.zeros(0), None)
     fresh = missing[distance < 1.6 * step]
     if len(fresh):
-        local = local_quadratics(points[found], pixels[found], points[fresh])
+        local = local_quadratics(points[confirmed], pixels[confirmed], points[fresh])
         pixels[fresh], jacobian[fresh] = local[0], local[1]
     return pixels, jacobian, fresh
 
 
 def _one_name_each(
-    points: np.ndarray, pixels: np.ndarray, found: np.ndarray, jacobian: np.ndarray, step: float
+    points: np.ndarray, pixels: np.ndarray, confirmed: np.ndarray, jacobian: np.ndarray, step: float
 ) -> np.ndarray:
-    """The found features (n,) without those that lie where another one was found too.
+    """The confirmed features (n,) without those that lie where another one was found too.
 
     Of two on one spot the one stays that lies clearly nearer to where the features found elsewhere say, as a quadratic.
     """
-    index = np.flatnonzero(found)
+    index = np.flatnonzero(confirmed)
     pitch = step * np.sqrt(np.abs(np.linalg.det(jacobian[index])))
     same = np.maximum(SAME_PLACE * pitch, 1.0)
     pairs = cKDTree(pixels[index]).query_pairs(same.max(initial=0.0), output_type="ndarray")
     apart = np.linalg.norm(pixels[index[pairs[:, 0]]] - pixels[index[pairs[:, 1]]], axis=1)
     pairs = index[pairs[apart < same[pairs].max(axis=1)]]
-    single: BoolArray = found.copy()
+    single: BoolArray = confirmed.copy()
     single[pairs] = False
     if len(pairs) == 0 or single.sum() < NEAR:
         return single
@@ -132,15 +132,15 @@ def _one_name_each(
     return single
 
 
-def _consistent(points: np.ndarray, pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """The found features (n,) without those that do not lie where the ones around them say.
+def _consistent(points: np.ndarray, pixels: np.ndarray, confirmed: np.ndarray) -> np.ndarray:
+    """The confirmed features (n,) without those that do not lie where the ones around them say.
 
     One wrong feature makes its neighbours look wrong too: only the worst of each neighbourhood goes, time and
     again.
     """
-    found = found.copy()
+    confirmed = confirmed.copy()
     for _ in range(MOST_ROUNDS):
-        index = np.flatnonzero(found)
+        index = np.flatnonzero(confirmed)
         if len(index) < 2 * NEAR:
             break
         where, _, _ = local_quadratics(points[index], pixels[index], points[index], others=True)
@@ -151,15 +151,15 @@ def _consistent(points: np.ndarray, pixels: np.ndarray, found: np.ndarray) -> np
         bad = worst & (rest > np.maximum(6 * np.median(rest), 0.15 * pitch))
         if not bad.any():
             break
-        found[index[bad]] = False
-    return found
+        confirmed[index[bad]] = False
+    return confirmed
 
 
 def _measure_again(
-    image: np.ndarray, points: np.ndarray, pixels: np.ndarray, found: np.ndarray, around: Surroundings
+    image: np.ndarray, points: np.ndarray, pixels: np.ndarray, confirmed: np.ndarray, around: Surroundings
 ) -> np.ndarray:
     """Measure the found features once more, now with the lens's bend about each; writes ``pixels`` (n, 2)."""
-    index = np.flatnonzero(found)
+    index = np.flatnonzero(confirmed)
     _, jacobian, second = local_quadratics(points[index], pixels[index], points[index])
     bend = second * around.half[index, None, None] ** 2
     refined, good = measure_corners(image, pixels[index], jacobian, bend, around[index])
@@ -170,19 +170,19 @@ def _measure_again(
 
 
 def local_quadratics(
-    known: np.ndarray, pixels: np.ndarray, wanted: np.ndarray, others: bool = False
+    sites: np.ndarray, pixels: np.ndarray, wanted: np.ndarray, others: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values, first and second derivatives at points wanted (m, 2) of quadratics through what is known
+    """Values, first and second derivatives at points wanted (m, 2) of quadratics through the sites
     nearby.
 
-    known (k, 2): metres, with pixels (k, 2). Returns pixels (m, 2), pixels per metre (m, 2, 2), and second
+    sites (k, 2): metres, with pixels (k, 2). Returns pixels (m, 2), pixels per metre (m, 2, 2), and second
     derivatives (m, 2, 3) for xx, xy, yy. Fitted by least squares to the nearest sixteen; fewer than eight
-    make it a plane. others: wanted are the known points themselves, each to be told by the others.
+    make it a plane. others: wanted are the sites themselves, each to be told by the others.
     """
-    count = min(16, len(known) - others)
-    distance, near = cKDTree(known).query(wanted, k=count + others)
+    count = min(16, len(sites) - others)
+    distance, near = cKDTree(sites).query(wanted, k=count + others)
     distance, near = distance[:, int(others) :], near[:, int(others) :]
-    offset = known[near] - wanted[:, None]
+    offset = sites[near] - wanted[:, None]
     scale = distance.max(axis=1)[:, None] + 1e-9
     x, y = offset[..., 0] / scale, offset[..., 1] / scale
     columns = [np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2]

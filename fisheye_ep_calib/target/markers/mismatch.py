@@ -13,10 +13,10 @@ CHANCES = 5.0  # times as many as chance makes of so many squares
 BOARD_NOT_FOUND = "board not found"
 
 
-def why_no_board(image: np.ndarray, seen: Markers, numbers: np.ndarray, book: Codebook, touching: bool) -> str:
+def why_no_board(image: np.ndarray, markers: Markers, numbers: np.ndarray, book: Codebook, touching: bool) -> str:
     """Why the markers that were seen are not the board's, numbers (k,) of a dictionary, or what else may be there."""
-    own = np.unique(seen.number[np.isin(seen.number, numbers)])
-    other = np.setdiff1d(seen.number, numbers)
+    own = np.unique(markers.number[np.isin(markers.number, numbers)])
+    other = np.setdiff1d(markers.number, numbers)
     if len(other) >= FEWEST and len(other) > len(own):
         return _other_numbers(other, numbers)
     if len(own) >= FEWEST:
@@ -37,25 +37,25 @@ def _unknown_markers(image: np.ndarray, book: Codebook, touching: bool) -> str:
     number, _, _ = book.match(cells[framed], mirrored=True)
     if len(np.unique(number[number >= 0])) >= FEWEST:
         return "the image is mirrored: its markers can be read in a mirror only"
-    most, known = FEWEST - 1, ""
+    most, description = FEWEST - 1, ""
     for border in (book.border, 3 - book.border):
         for inner, names in _by_side().items():
             cells, framed = read_cells(image, quads, inner, border)
             for name in names if framed.sum() >= FEWEST else ():
                 exact = _exactly_known(codebook(name, border, "a marker"), cells[framed])
                 if len(exact) > most:
-                    most, known = len(exact), _described(_smallest(name, int(exact.max())), border)
-    return f"markers of {known} are seen, not of {_described(book.name, book.border)}" if known else ""
+                    most, description = len(exact), _described(_smallest(name, int(exact.max())), border)
+    return f"markers of {description} are seen, not of {_described(book.name, book.border)}" if description else ""
 
 
 def _by_side() -> dict[int, list[str]]:
     """OpenCV's dictionaries by the cells along their markers; the largest of those that begin with one another."""
-    found: dict[int, list[str]] = {}
+    names: dict[int, list[str]] = {}
     for name in MARKERS:
         side = marker_side(name)
         if side is not None and _smallest(name, MARKERS[name] - 1) == name and not _has_larger(name):
-            found.setdefault(side, []).append(name)
-    return found
+            names.setdefault(side, []).append(name)
+    return names
 
 
 def _family(name: str) -> str:
@@ -71,7 +71,8 @@ def _has_larger(name: str) -> bool:
 def _smallest(name: str, number: int) -> str:
     """The smallest dictionary of the same family that has a marker of this number."""
     return min(
-        (one for one in MARKERS if _family(one) == _family(name) and MARKERS[one] > number), key=MARKERS.__getitem__
+        (other for other in MARKERS if _family(other) == _family(name) and MARKERS[other] > number),
+        key=MARKERS.__getitem__,
     )
 
 

@@ -36,11 +36,11 @@ def find_quads(image: np.ndarray, smallest: float, border: float, touching: bool
     """
     white = _white(image, PARTING if touching else 0.5)
     contours = _outlines(white, smallest)
-    found = [quad for contour in contours if (quad := _quadrilateral(contour)) is not None]
-    if not found:
+    quads = [quad for contour in contours if (quad := _quadrilateral(contour)) is not None]
+    if not quads:
         return np.empty((0, 4, 2))
     # The outline runs through the outermost black pixels' middles.
-    return _refined(image, _grown(np.array(found, dtype=float), 0.5), border)
+    return _refined(image, _grown(np.array(quads, dtype=float), 0.5), border)
 
 
 def _outlines(white: np.ndarray, smallest: float) -> Sequence[np.ndarray]:

@@ -53,11 +53,11 @@ def find_markers(image: np.ndarray, book: Codebook, numbers: np.ndarray, touchin
     touching: whether other black squares touch the markers' corners.
     """
     enough = min(ENOUGH, len(numbers))
-    found = _search(image, book, numbers, touching, enough, negative=False)
-    if np.isin(found.number, numbers).sum() >= min(2, enough):
-        return found
+    markers = _search(image, book, numbers, touching, enough, negative=False)
+    if np.isin(markers.number, numbers).sum() >= min(2, enough):
+        return markers
     light = _search(cv2.bitwise_not(image), book, numbers, touching, enough, negative=True)
-    return light if len(light) > len(found) else found
+    return light if len(light) > len(markers) else markers
 
 
 def _search(
@@ -70,13 +70,13 @@ def _search(
             break
         seen_as, quads = _quads(image, look, book, touching)
         cells, framed = _cells(image, seen_as, quads, look, book)
-        seen, turn, _ = book.match(cells[framed])
-        known = seen >= 0
+        numbers_read, turn, _ = book.match(cells[framed])
+        readable = numbers_read >= 0
         middles = quads.mean(axis=1)
-        unread = max(unread, int((~known).sum()))
-        rejected = np.concatenate([rejected, middles[~framed], middles[framed][~known]])
-        number = np.concatenate([number, seen[known]])
-        corners = np.concatenate([corners, _from_own_corner(quads[framed][known], turn[known])])
+        unread = max(unread, int((~readable).sum()))
+        rejected = np.concatenate([rejected, middles[~framed], middles[framed][~readable]])
+        number = np.concatenate([number, numbers_read[readable]])
+        corners = np.concatenate([corners, _from_own_corner(quads[framed][readable], turn[readable])])
         number, corners = _each_once(number, corners)
         if len(np.intersect1d(number, numbers)) >= enough:
             break

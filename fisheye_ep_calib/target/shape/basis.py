@@ -39,10 +39,10 @@ class Fields:
     slope: np.ndarray
 
 
-def smooth_fields(frame: BoardFrame, points: np.ndarray, seen: np.ndarray, highest: int = 8) -> Fields:
-    """The fields up to a degree at points (n, 3) of the target frame, orthonormal over those seen (n,) bool."""
-    height_group, height, height_slope = _height(frame, points, seen, min(highest, HEIGHT_DEGREES[-1]))
-    plane_group, plane, plane_slope = _in_plane(frame, points, seen, min(highest, IN_PLANE_DEGREES[-1]))
+def smooth_fields(frame: BoardFrame, points: np.ndarray, measured: np.ndarray, highest: int = 8) -> Fields:
+    """The fields up to a degree at points (n, 3) of the target frame, orthonormal over those measured (n,) bool."""
+    height_group, height, height_slope = _height(frame, points, measured, min(highest, HEIGHT_DEGREES[-1]))
+    plane_group, plane, plane_slope = _in_plane(frame, points, measured, min(highest, IN_PLANE_DEGREES[-1]))
     count = height.shape[-1]
     value = np.zeros((len(points), 3, count + plane.shape[-1]))
     slope = np.zeros((len(points), 2, 3, value.shape[-1]))
@@ -68,19 +68,19 @@ def _polynomials(frame: BoardFrame, points: np.ndarray, degree: int) -> tuple[np
 
 
 def _height(
-    frame: BoardFrame, points: np.ndarray, seen: np.ndarray, highest: int
+    frame: BoardFrame, points: np.ndarray, measured: np.ndarray, highest: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Group (K,), value (n, K) and slope (n, 2, K) of the heights above the plane."""
     parts = [_polynomials(frame, points, degree) for degree in range(highest + 1)]
     value = np.concatenate([part[0] for part in parts], axis=-1)
     slope = np.concatenate([part[1] for part in parts], axis=-1)
     degrees = np.repeat(np.arange(highest + 1), np.arange(highest + 1) + 1)
-    kept, mixing = _orthonormal(value[seen], first=3, scale=np.sqrt(seen.sum()))
+    kept, mixing = _orthonormal(value[measured], first=3, scale=np.sqrt(measured.sum()))
     return degrees[kept] - HEIGHT_DEGREES.start, value @ mixing, slope @ mixing
 
 
 def _in_plane(
-    frame: BoardFrame, points: np.ndarray, seen: np.ndarray, highest: int
+    frame: BoardFrame, points: np.ndarray, measured: np.ndarray, highest: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Group (K,), value (n, 2, K) and slope (n, 2, 2, K) of the shifts along x and y."""
     position = frame.local(points)[:, :2]
@@ -101,7 +101,7 @@ def _in_plane(
         slopes.append(both_slope.reshape(len(points), 2, 2, -1))
         degrees.append(np.full(2 * (degree + 1), degree))
     value, slope, group = np.concatenate(values, -1), np.concatenate(slopes, -1), np.concatenate(degrees)
-    kept, mixing = _orthonormal(value[seen].reshape(-1, value.shape[-1]), first=4, scale=np.sqrt(seen.sum()))
+    kept, mixing = _orthonormal(value[measured].reshape(-1, value.shape[-1]), first=4, scale=np.sqrt(measured.sum()))
     return group[kept] - IN_PLANE_DEGREES.start + len(HEIGHT_DEGREES), value @ mixing, slope @ mixing
 
 
@@ -121,19 +121,19 @@ def _orthonormal(columns: np.ndarray, first: int, scale: float) -> tuple[np.ndar
     """
     rows, count = columns.shape
     basis, mixing = np.zeros((rows, count)), np.zeros((count, count))
-    found, kept = 0, []
+    rank, kept = 0, []
     for index in range(count):
         column, mixed = columns[:, index].copy(), np.eye(count)[index]
         size = np.linalg.norm(column)
         for _ in range(2):
-            share = column @ basis[:, :found]
-            column -= basis[:, :found] @ share
-            mixed -= mixing[:, :found] @ share
+            share = column @ basis[:, :rank]
+            column -= basis[:, :rank] @ share
+            mixed -= mixing[:, :rank] @ share
         left = np.linalg.norm(column)
         if left <= _DEPENDENT * size or size == 0:
             continue
-        basis[:, found], mixing[:, found] = column / left, mixed / left
-        found += 1
+        basis[:, rank], mixing[:, rank] = column / left, mixed / left
+        rank += 1
         if index >= first:
             kept.append(index)
-    return np.array(kept, dtype=int), scale * mixing[:, found - len(kept) : found]
+    return np.array(kept, dtype=int), scale * mixing[:, rank - len(kept) : rank]

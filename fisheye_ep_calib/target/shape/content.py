@@ -72,12 +72,12 @@ def _numbers(values: object, key: str, shape: tuple[int, ...]) -> np.ndarray:
     if not isinstance(values, list) or len(values) != shape[0]:
         raise InputError(f"shape: {key} must have {shape[0]} rows")
     try:
-        found = np.array(values, dtype=float)
+        numbers = np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"shape: {key} must hold numbers") from None
-    if found.shape != shape or not np.isfinite(found).all():
+    if numbers.shape != shape or not np.isfinite(numbers).all():
         raise InputError(f"shape: {key} must be {' × '.join(map(str, shape))} finite numbers")
-    return found
+    return numbers
 
 
 def _rounded(values: np.ndarray) -> list[Any]:

@@ -32,15 +32,15 @@ def faces_of(points: np.ndarray) -> tuple[np.ndarray, ...]:
 def _face_of(points: np.ndarray, first: int, left: np.ndarray, tolerance: float) -> np.ndarray | None:
     """Rows of the plane with most of the points left, through one of them and two of its neighbours."""
     arms = points - points[first]
-    order = [row for row in np.argsort(np.linalg.norm(arms, axis=1)) if left[row] and row != first][:8]
+    order = [near for near in np.argsort(np.linalg.norm(arms, axis=1)) if left[near] and near != first][:8]
     best: np.ndarray | None = None
-    for place, one in enumerate(order):
+    for place, row in enumerate(order):
         for other in order[place + 1 :]:
-            normal = np.cross(arms[one], arms[other])
+            normal = np.cross(arms[row], arms[other])
             length = float(np.linalg.norm(normal))
-            if length < _ON_A_LINE * np.linalg.norm(arms[one]) * np.linalg.norm(arms[other]):
+            if length < _ON_A_LINE * np.linalg.norm(arms[row]) * np.linalg.norm(arms[other]):
                 continue
-            found = np.flatnonzero(left & (np.abs(arms @ normal) <= tolerance * length))
-            if len(found) >= _LEAST_POINTS and (best is None or len(found) > len(best)):
-                best = found
+            on_plane = np.flatnonzero(left & (np.abs(arms @ normal) <= tolerance * length))
+            if len(on_plane) >= _LEAST_POINTS and (best is None or len(on_plane) > len(best)):
+                best = on_plane
     return best

@@ -26,12 +26,12 @@ def known_board(boards: Iterable[BoardShape | None], object_points: np.ndarray |
 
     object_points (n, 3): of the target's file; shapes of other targets are passed over.
     """
-    known = [
+    candidates = [
         board
         for board in boards
         if board is not None and board.bends and (object_points is None or board.same_target(object_points))
     ]
-    return min(known, key=lambda board: np.inf if board.sigma is None else float(board.sigma.mean()), default=None)
+    return min(candidates, key=lambda board: np.inf if board.sigma is None else float(board.sigma.mean()), default=None)
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ class BoardShape:
             return np.zeros((len(self.deviation), LOCAL - 3))
         fields = smooth_fields(self.frame, self.object_points, np.ones(len(self.deviation), bool), _LOCAL_DEGREE)
         flat = fields.value.reshape(-1, fields.value.shape[-1])
-        found = np.linalg.lstsq(flat, self.in_board_axes.reshape(-1), rcond=None)[0]
-        slopes: FloatArray = ((fields.slope @ found) @ self.frame.axes.T).reshape(-1, LOCAL - 3)
+        coefficients = np.linalg.lstsq(flat, self.in_board_axes.reshape(-1), rcond=None)[0]
+        slopes: FloatArray = ((fields.slope @ coefficients) @ self.frame.axes.T).reshape(-1, LOCAL - 3)
         return slopes
 
     @property

@@ -1,8 +1,8 @@
 """How a target may depart from what its file says, and how it does.
 
-    X_i = nominal_i + known_i + Σ_k a_k φ_k(i) + A_i ρ_i
+    X_i = nominal_i + given_i + Σ_k a_k φ_k(i) + A_i ρ_i
 
-known: a shape measured before. φ: smooth fields with coefficients a (basis.py, or the three of bow.py). ρ_i: what the
+given: a shape measured before. φ: smooth fields with coefficients a (basis.py, or the three of bow.py). ρ_i: what the
 point i is off by itself, along the axes A_i of its plane. Smooth coefficients and ρ carry penalties,
 ½ Σ λ_k a_k² + ½ Σ λ ρ², λ = σ²/τ² with the noise σ² in px² and the prior variances τ² in m²; 0 leaves them free.
 
@@ -42,7 +42,7 @@ class Surface:
 class ShapeModel:
     """What is free of a target's shape.
 
-    nominal: the points (n, 3) as the file has them. frame: of the plane. known (n, LOCAL): a shape held fixed, target
+    nominal: the points (n, 3) as the file has them. frame: of the plane. given (n, LOCAL): a shape held fixed, target
     frame. fields (n, LOCAL, S): ∂(shift, its derivatives along x, along y)/∂a, target frame. group (S,): index into
     GROUPS, −1 for a bow's. penalty (S,) and rough_penalty (n, 3): λ, px²/m²; None where no point moves by itself.
     freedom: how many of the unknowns the data determine. names (S,): of the fields, by which models share them.
@@ -53,7 +53,7 @@ class ShapeModel:
     kind: str
     nominal: np.ndarray
     frame: BoardFrame
-    known: np.ndarray
+    given: np.ndarray
     fields: np.ndarray
     group: np.ndarray
     penalty: np.ndarray
@@ -101,7 +101,7 @@ class ShapeModel:
 
     def local(self, state: ShapeState) -> np.ndarray:
         """Shift of every point and its derivatives along x and y, (n, LOCAL), target frame."""
-        local: FloatArray = self.known + self.local_change(state.vector)
+        local: FloatArray = self.given + self.local_change(state.vector)
         return local
 
     def local_change(self, unknowns: np.ndarray) -> np.ndarray:
@@ -137,13 +137,13 @@ class ShapeState:
         return ShapeState(self.smooth + step[:count], self.rough + step[count:].reshape(-1, 3))
 
 
-def flat_model(object_points: np.ndarray, known: np.ndarray | None = None) -> ShapeModel:
-    """The target as its file has it, or as it was measured: known (n, LOCAL)."""
+def flat_model(object_points: np.ndarray, given: np.ndarray | None = None) -> ShapeModel:
+    """The target as its file has it, or as it was measured: given (n, LOCAL)."""
     count = len(object_points)
-    known = np.zeros((count, LOCAL)) if known is None else known
+    given = np.zeros((count, LOCAL)) if given is None else given
     none = np.zeros(0)
     return ShapeModel(
-        FLAT, object_points, board_frame(object_points), known, np.zeros((count, LOCAL, 0)), none.astype(int), none
+        FLAT, object_points, board_frame(object_points), given, np.zeros((count, LOCAL, 0)), none.astype(int), none
     )
 
 
@@ -156,8 +156,8 @@ def bow_model(flat: ShapeModel) -> ShapeModel:
     return replace(flat, kind=BOW, fields=fields, group=np.full(3, -1), penalty=np.zeros(3), names=(0, 1, 2))
 
 
-def free_model(flat: ShapeModel, seen: np.ndarray) -> ShapeModel:
-    """With all smooth fields, orthonormal over the points seen (n,) bool, and every point's own shift on top of it.
+def free_model(flat: ShapeModel, measured: np.ndarray) -> ShapeModel:
+    """With all smooth fields, orthonormal over the points measured (n,) bool, and every point's own shift on top of it.
 
     Each face of a target that is not flat has fields of its own; they share their groups.
     """
@@ -166,15 +166,16 @@ def free_model(flat: ShapeModel, seen: np.ndarray) -> ShapeModel:
     for face in faces_of(flat.nominal):
         points = flat.nominal[face]
         frame = board_frame(points)
-        found = smooth_fields(frame, points, seen[face])
+        fields = smooth_fields(frame, points, measured[face])
         local = [
-            np.einsum("ij,njk->nik", frame.axes, part) for part in (found.value, found.slope[:, 0], found.slope[:, 1])
+            np.einsum("ij,njk->nik", frame.axes, part)
+            for part in (fields.value, fields.slope[:, 0], fields.slope[:, 1])
         ]
-        own = np.zeros((len(flat.nominal), LOCAL, len(found.group)))
+        own = np.zeros((len(flat.nominal), LOCAL, len(fields.group)))
         own[face] = np.concatenate(local, axis=1)
         axes[face] = frame.axes
         parts.append(own)
-        groups.append(found.group)
+        groups.append(fields.group)
     group = np.concatenate(groups) if groups else np.zeros(0, int)
     return replace(
         flat,

@@ -95,10 +95,10 @@ def most_likely(posterior_of: PosteriorOf, start: Variances, from_nothing: bool 
     variances, posterior = start, posterior_of(start)
     sure_steps = _MACKAY_STEPS if from_nothing else 0
     for step in range(_MOST_STEPS):
-        found = _mackay_step(posterior, variances) if step < sure_steps else _group_step(posterior, variances)
+        updated = _mackay_step(posterior, variances) if step < sure_steps else _group_step(posterior, variances)
         kept = variances.deviation > 0
-        change = np.abs(found.deviation[kept] / variances.deviation[kept] - 1).max(initial=0.0)
-        variances, posterior = found, posterior_of(found)
+        change = np.abs(updated.deviation[kept] / variances.deviation[kept] - 1).max(initial=0.0)
+        variances, posterior = updated, posterior_of(updated)
         if change < _SETTLED:
             break
     return variances, posterior
@@ -133,10 +133,10 @@ def _best_variance(square: np.ndarray, doubt: np.ndarray, start: float) -> float
     best = start
     for _ in range(50):
         weight = (best + doubt) ** -2
-        found = max(float((weight * (square - doubt)).sum() / weight.sum()), 0.01 * best)
-        if abs(found - best) <= 1e-3 * best:
-            return found
-        best = found
+        improved = max(float((weight * (square - doubt)).sum() / weight.sum()), 0.01 * best)
+        if abs(improved - best) <= 1e-3 * best:
+            return improved
+        best = improved
     return best
 
 

@@ -20,7 +20,7 @@ def test_same_camera_does_not_differ():
     found = camera_difference(CAMERA, CAMERA, (0.1, 1.0, np.inf), alignment="none")
     assert np.nanmax(found.length_px) < 1e-6
     assert np.isfinite(found.length_px).mean() > 0.95
-    assert found.known == (False, False)
+    assert found.covariances_given == (False, False)
 
 
 def test_turn_that_looks_like_a_shift_of_the_centre_is_taken_out():
