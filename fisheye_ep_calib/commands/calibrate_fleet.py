@@ -21,6 +21,7 @@ from fisheye_ep_calib.commands.sources import add_looking_arguments, topics_give
 from fisheye_ep_calib.errors import InputError, Interrupted
 from fisheye_ep_calib.pipeline.writing import RECORD
 from fisheye_ep_calib.storage.atomic import atomic_write
+from fisheye_ep_calib.storage.folder_owner import FolderOwner
 from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.target import Target, load_target
@@ -71,6 +72,17 @@ def run(arguments: argparse.Namespace) -> int:
     devices = find_devices(arguments.devices, output)
     if arguments.target is None and any(path.suffix != ".npz" for device in devices for path in device.sources):
         raise InputError("images need --target TARGET.yaml, which says what to look for")
+    owner = FolderOwner(output, "calibrate-fleet")
+    owner.hold()
+    try:
+        return _calibrate(devices, arguments)
+    finally:
+        owner.release()
+
+
+def _calibrate(devices: list[Device], arguments: argparse.Namespace) -> int:
+    """With the output's folder held: all that is not finished, then the table. The exit code."""
+    output = arguments.output
     finished = set() if arguments.overwrite else {each.name for each in devices if is_finished(output / each.name)}
     jobs = [_job(device, arguments) for device in devices if device.name not in finished]
     _say_what_differs([device for device in devices if device.name in finished], arguments)

@@ -18,6 +18,9 @@ class Announcer:
     def info(self, text: str) -> None:
         self._info(text)
 
+    def warning(self, text: str) -> None:
+        self._warning(text)
+
     def mention(self, key: str, text: str) -> None:
         """Warn of something that may come again and again: the first time only."""
         with self._lock:

@@ -13,6 +13,7 @@ from fisheye_ep_calib.live.answer import Answer, together
 from fisheye_ep_calib.live.camera import LiveCamera
 from fisheye_ep_calib.live.camera_views import CameraViews, Verdict
 from fisheye_ep_calib.live.frame import RawFrame, Sighting, detect_in_frame
+from fisheye_ep_calib.live.kept_images import KeptImages
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.overlay import OverlayRequest
 from fisheye_ep_calib.live.rig import LiveRig
@@ -22,6 +23,7 @@ from fisheye_ep_calib.live.settings import CameraSettings, Settings, Tuning
 from fisheye_ep_calib.live.status import Reception, Status, camera_status, headline, next_step, rig_status
 from fisheye_ep_calib.live.subject import Subject, Workplace
 from fisheye_ep_calib.live.work_pool import Task, WorkPool
+from fisheye_ep_calib.storage.folder_owner import FolderOwner
 
 
 class Listener(Protocol):
@@ -44,13 +46,24 @@ class LiveCalibrator:
     """Any number of cameras behind one pool of workers. Methods return at once unless they say otherwise."""
 
     def __init__(self, settings: Settings, tuning: Tuning, announcer: Announcer, listener: Listener) -> None:
-        """Raises InputError where an earlier run's views cannot be taken up."""
+        """Raises InputError where an earlier run's views cannot be taken up, CalibrationError where another program
+        writes into the same folder.
+        """
         self._announcer = announcer
         self._listener = listener
         self._tuning = tuning
         self._published = {camera.name: camera.initial for camera in settings.cameras}
         self._stopping = threading.Event()
-        views = _views_of(settings, tuning, announcer)
+        self._images = KeptImages(settings.output_directory, settings.keep_images, announcer)
+        self._owner: FolderOwner | None = None
+        if any(camera.target is not None for camera in settings.cameras):
+            self._owner = FolderOwner(settings.output_directory, "the live calibrator")
+            self._owner.hold()
+        try:
+            views = _views_of(settings, tuning, announcer, self._images)
+        except BaseException:
+            self._release()
+            raise
         together_ns = None if settings.rig is None else round(settings.rig.tolerance * 1e9)
         self.pool = WorkPool(settings.workers, self._task_failed, together_ns)
         self.rig: LiveRig | None = None
@@ -89,13 +102,15 @@ class LiveCalibrator:
             camera.views.count(received=1)
             return
         header, generation = message.header, camera.views.generation
+        frame = RawFrame.from_message(message, frame_name)
 
         def arguments() -> tuple[Any, ...]:
             outcome = camera.outcome
             lens = None if outcome is None else outcome.camera
-            return RawFrame.from_message(message, frame_name), camera.views.target, lens, self._overlay(camera)
+            return frame, camera.views.target, lens, self._overlay(camera)
 
         def done(sighting: Sighting | None, error: CalibrationError | None) -> None:
+            self._images.offer(name, frame)
             self._searched(camera, sighting, error, generation)
             if sighting is not None and sighting.picture is not None:
                 self._listener.picture(name, header, sighting.picture)
@@ -119,23 +134,41 @@ class LiveCalibrator:
         """Write all views and calibrations again; waits for the disk."""
         return together([subject.save(self._stopping) for subject in self._subjects()])
 
-    def reset(self) -> Answer:
-        """Forget all views and calibrations; their observation files are set aside."""
-        answers = [camera.reset() for camera in self.cameras.values()]
+    def reset(self, name: str | None = None) -> Answer:
+        """Forget a camera's views and calibrations, or all cameras'; their observation files are set aside.
+
+        The rig's calibration is forgotten with any of them.
+        """
+        answers = []
+        for camera in self.cameras.values():
+            if name in (None, camera.name):
+                answers.append(camera.reset())
+                if answers[-1].success:
+                    self._images.set_aside(camera.name)
         if self.rig is not None:
             self.rig.reset()
         return together(answers)
 
     def retry_writing(self) -> None:
-        """Write what the disk refused before; call it now and then."""
+        """Write what the disk does not hold; call it now and then."""
+        try:
+            self._hold_folder()
+        except CalibrationError as error:  # the folder was removed, and another program has it since
+            self._announcer.warn_once("pool folder", str(error))
+            return
         for subject in self._subjects():
             subject.retry_writing()
+        self._images.write()
 
     def stop(self) -> None:
         """End the workers, whatever they are doing, and write what is not written yet."""
         self._stopping.set()
         self.pool.stop()
         self.retry_writing()
+        for subject in self._subjects():
+            if subject.unwritten:
+                self._announcer.warning(f"{subject.name}: ended with what the disk has not taken; that is lost")
+        self._release()
 
     def rig_status(self) -> Status | None:
         """Where the rig stands; None where the cameras are none."""
@@ -147,6 +180,15 @@ class LiveCalibrator:
             camera_status(camera, reception[name], self._standing_warnings(name, "pool"), self._tuning)
             for name, camera in self.cameras.items()
         ]
+
+    def _hold_folder(self) -> None:
+        if self._owner is not None:
+            self._owner.hold()
+            self._announcer.over("pool folder")
+
+    def _release(self) -> None:
+        if self._owner is not None:
+            self._owner.release()
 
     def _standing_warnings(self, *about: str) -> list[str]:
         return [text for key, text in self._announcer.standing().items() if key.partition(" ")[0] in about]
@@ -196,7 +238,7 @@ class LiveCalibrator:
         if verdict is Verdict.OTHER_SIZE:
             self._tell_other_size(views, sighting)
         if verdict is Verdict.KEPT:
-            self._announcer.info(f"{name}: view {len(views.kept)} kept, {len(sighting.detection)} points")
+            self._tell_kept(camera, sighting.name, f"kept, {len(sighting.detection)} points")
         if self.rig is not None and verdict in (Verdict.KEPT, Verdict.NOT_NEW, Verdict.FULL):
             self._keep_for_rig(self.rig, name, sighting, generation, verdict)
         self._calibrate_if_due()
@@ -210,8 +252,12 @@ class LiveCalibrator:
                 camera.not_written(failure)
                 fits = True
             if fits:
-                number, points = len(camera.views.kept), len(partner.view.pixels)
-                self._announcer.info(f"{camera.name}: view {number} kept for the rig, {points} points")
+                self._tell_kept(camera, partner.view.name, f"kept for the rig, {len(partner.view.pixels)} points")
+
+    def _tell_kept(self, camera: LiveCamera, frame_name: str, how: str) -> None:
+        where = ", in memory only" if camera.views.unwritten else ""
+        self._announcer.info(f"{camera.name}: view {len(camera.views.kept)} {how}{where}")
+        self._images.keep(camera.name, frame_name)
 
     def _tell_other_size(self, views: CameraViews, sighting: Sighting) -> None:
         now, before = sighting.image_size, views.image_size
@@ -224,7 +270,7 @@ class LiveCalibrator:
         )
 
 
-def _views_of(settings: Settings, tuning: Tuning, announcer: Announcer) -> dict[str, CameraViews]:
+def _views_of(settings: Settings, tuning: Tuning, announcer: Announcer, images: KeptImages) -> dict[str, CameraViews]:
     """Of every camera with a target, those of an earlier run among them. Raises InputError."""
     of_cameras = {}
     for camera in settings.cameras:
@@ -233,6 +279,8 @@ def _views_of(settings: Settings, tuning: Tuning, announcer: Announcer) -> dict[
         file = settings.output_directory / f"{camera.name}.npz"
         views = CameraViews(camera.name, camera.target, file, tuning.limits)
         resumed = views.start(settings.resume)
+        if not settings.resume:
+            images.set_aside(camera.name)
         if resumed:
             announcer.info(f"{camera.name}: going on with {resumed} views from {file}")
         of_cameras[camera.name] = views

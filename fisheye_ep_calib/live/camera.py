@@ -36,6 +36,10 @@ class LiveCamera(Subject[Outcome]):
         return self.views.unwritten or super().unwritten
 
     @property
+    def gone(self) -> tuple[Path, ...]:
+        return (*((self.views.file,) if self.views.gone else ()), *super().gone)
+
+    @property
     def calibration_file(self) -> Path:
         """The file of the calibration in force."""
         standing = self.standing

@@ -73,8 +73,13 @@ class CameraViews:
 
     @property
     def unwritten(self) -> bool:
-        """Whether something waits to be written because the disk refused it."""
+        """Whether the disk does not hold all views; looks at the disk."""
         return self._store.unwritten
+
+    @property
+    def gone(self) -> bool:
+        """Whether the views were on the disk and are there no longer; looks at the disk."""
+        return self._store.gone
 
     @property
     def full(self) -> bool:
@@ -144,7 +149,7 @@ class CameraViews:
         return observations
 
     def write(self, again: bool = False) -> None:
-        """Write what is not on disk yet; ``again``: also what is. Raises CalibrationError."""
+        """Write what the disk does not hold; ``again``: also what it does. Raises CalibrationError."""
         with self._lock:
             self._store.write(again)
 

@@ -53,13 +53,17 @@ class RigSettings:
 
 @dataclass(frozen=True)
 class Settings:
-    """The whole calibrator. workers: processes that detect and calibrate. rig: None: cameras stay by themselves."""
+    """The whole calibrator. workers: processes that detect and calibrate. rig: None: cameras stay by themselves.
+
+    keep_images: store the images of the views that are kept.
+    """
 
     cameras: tuple[CameraSettings, ...]
     output_directory: Path
     resume: bool
     workers: int
     rig: RigSettings | None = None
+    keep_images: bool = False
 
 
 @dataclass(frozen=True)

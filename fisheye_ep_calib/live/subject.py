@@ -3,8 +3,8 @@
 What it is calibrated from, the views, belongs to the subject's kind and has a lock of its own. Here:
 
     standing            what is in force; replaced as a whole under ``_lock``, read without it
-    begun, attempted,   under ``_lock``: how many calibrations have begun, what the last one rested on, and whether an
-    busy                automatic one waits or runs
+    begun, attempted,   under ``_lock``: how many calibrations have begun, what the last one rested on, whether an
+    busy, under_way     automatic one waits or runs, and all that wait or run
     adopting, resetting under ``_telling``, from looking at the generation until the listener has been told, so that the
                         listener hears of calibrations in the order in which they come into force
     files               under ``_writing``, which a reset takes too: no file appears after it
@@ -17,7 +17,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -26,7 +26,7 @@ from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.answer import Answer, Promise
 from fisheye_ep_calib.live.settings import Tuning
 from fisheye_ep_calib.live.work_pool import Task, WorkPool
-from fisheye_ep_calib.storage.atomic import atomic_write
+from fisheye_ep_calib.storage.kept_file import KeptFile
 
 Result = TypeVar("Result")
 
@@ -53,22 +53,25 @@ class Basis:
 
 @dataclass(frozen=True)
 class Standing(Generic[Result]):
-    """What is in force. number: which calibration of all that have begun; 0: it was there before. unwritten: not on
-    disk yet.
-    """
+    """What is in force. number: which calibration of all that have begun; 0: it was there before. files: to write."""
 
     outcome: Result | None
     number: int = 0
-    unwritten: bool = False
+    files: tuple[KeptFile, ...] = ()
 
 
 @dataclass
 class _Attempt:
-    """A calibration from its being queued to its end. number: once it has begun."""
+    """A calibration from its being queued to its end. number, basis: once it has begun.
+
+    asked: somebody waits for it. automatic: it was not asked for at first.
+    """
 
     asked: bool
     generation: Hashable
     number: int = 0
+    basis: Basis | None = None
+    automatic: bool = False
     promise: Promise = field(default_factory=Promise)
 
 
@@ -92,6 +95,7 @@ class Subject(ABC, Generic[Result]):
         self._begun = 0
         self._attempted: Basis | None = None
         self._busy = False
+        self._under_way: list[_Attempt] = []
         self._lock = threading.Lock()
         self._telling = threading.RLock()
         self._writing = threading.RLock()
@@ -139,8 +143,13 @@ class Subject(ABC, Generic[Result]):
 
     @property
     def unwritten(self) -> bool:
-        """Whether something waits to be written because the disk refused it."""
-        return self._standing.unwritten
+        """Whether there is something that the disk does not hold; looks at the disk."""
+        return any(not file.held for file in self._standing.files)
+
+    @property
+    def gone(self) -> tuple[Path, ...]:
+        """Files that were written and are there no longer; looks at the disk."""
+        return tuple(file.path for file in self._standing.files if file.gone)
 
     def calibrate_if_due(self) -> None:
         """Automatic calibration: whenever there is something new, once the one before has ended."""
@@ -150,21 +159,35 @@ class Subject(ABC, Generic[Result]):
         if not self.enough(basis):
             return
         with self._lock:
-            if self._busy or basis == self._attempted:
+            waiting = any(attempt.basis is None for attempt in self._under_way)
+            if self._busy or waiting or basis == self._attempted:
                 return
             self._busy = True
-        self._queue(_Attempt(False, basis.generation))
+            attempt = _Attempt(False, basis.generation, automatic=True)
+            self._under_way.append(attempt)
+        self._queue(attempt)
 
     def calibrate(self) -> Promise:
-        """Calibrate from all that there is; the promise's answer comes with the result."""
-        return self._queue(_Attempt(True, self.basis().generation))
+        """Calibrate from all that there is; the promise's answer comes with the result.
+
+        Where one from the same waits or runs already, its promise is shared.
+        """
+        basis = self.basis()
+        with self._lock:
+            for attempt in self._under_way:
+                if attempt.generation == basis.generation and attempt.basis in (None, basis):
+                    attempt.asked = True
+                    return attempt.promise
+            attempt = _Attempt(True, basis.generation)
+            self._under_way.append(attempt)
+        return self._queue(attempt)
 
     def save(self, stopping: threading.Event) -> Answer:
         """Write everything again; waits for the disk."""
         return self._written(again=True)
 
     def retry_writing(self) -> None:
-        """Write what the disk refused before; waits for the disk."""
+        """Write what the disk does not hold; waits for the disk."""
         self._write(again=False)
 
     def reset(self) -> Answer:
@@ -205,7 +228,7 @@ class Subject(ABC, Generic[Result]):
             raise CalibrationError(_RESET)
         with self._lock:
             self._begun += 1
-            attempt.number = self._begun
+            attempt.number, attempt.basis = self._begun, basis
             self._attempted = basis
         return self.arguments(basis)
 
@@ -213,10 +236,10 @@ class Subject(ABC, Generic[Result]):
         try:
             attempt.promise.answer = self._concluded(attempt, outcome, error)
         finally:
+            with self._lock:
+                self._under_way.remove(attempt)
+                self._busy &= not attempt.automatic
             attempt.promise.ready.set()
-            if not attempt.asked:
-                with self._lock:
-                    self._busy = False
         self._workplace.ended()
 
     def _concluded(self, attempt: _Attempt, outcome: Result | None, error: CalibrationError | None) -> Answer:
@@ -232,8 +255,9 @@ class Subject(ABC, Generic[Result]):
             kept = self._why_the_one_before_stays(attempt, outcome)
             if kept:
                 return Answer(True, f"{self.name}: {kept}; it stays")
+            files = tuple(KeptFile(path) for path in self.files(outcome))
             with self._lock:
-                self._standing = Standing(outcome, attempt.number, unwritten=True)
+                self._standing = Standing(outcome, attempt.number, files)
             self._tell(outcome)
         answer = self._written()
         announcer.info(answer.text)
@@ -251,22 +275,25 @@ class Subject(ABC, Generic[Result]):
         return self.summary()
 
     def _write(self, again: bool) -> bool:
+        gone = self.gone
         try:
             self.write_views(again)
             self._write_files(again)
         except CalibrationError as error:
             self.not_written(error)
             return False
+        if self.unwritten:  # more has come meanwhile
+            return True
         self._workplace.announcer.over(f"{self.name} disk", f"{self.name}: everything is written now")
+        if gone:
+            lost = ", ".join(map(str, gone))
+            self._workplace.announcer.info(f"{self.name}: {lost} had gone from the disk, or was changed: written again")
         return True
 
     def _write_files(self, again: bool) -> None:
         with self._writing:
             standing = self._standing
-            if standing.outcome is None or not (standing.unwritten or (again and standing.number)):
-                return
-            for path, text in self.files(standing.outcome).items():
-                atomic_write(path, text.encode())
-            with self._lock:
-                if self._standing is standing:
-                    self._standing = replace(standing, unwritten=False)
+            texts = self.files(standing.outcome) if standing.files and standing.outcome is not None else {}
+            for file in standing.files:
+                if again or not file.held:
+                    file.write(texts[file.path].encode())

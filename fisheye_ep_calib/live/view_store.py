@@ -13,7 +13,8 @@ from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.planning.view_selection import ViewSignature, view_signature
-from fisheye_ep_calib.storage.observation_file import load_observations, save_observations
+from fisheye_ep_calib.storage.kept_file import KeptFile
+from fisheye_ep_calib.storage.observation_file import load_observations, observation_content
 from fisheye_ep_calib.target import Target
 
 
@@ -60,7 +61,17 @@ class ViewStore:
         self.target = target
         self.views: tuple[View, ...] = ()
         self.image_size: tuple[int, int] | None = None
-        self.unwritten = False
+        self._file = KeptFile(path)
+
+    @property
+    def unwritten(self) -> bool:
+        """Whether the disk does not hold the views; looks at the disk."""
+        return bool(self.views) and not self._file.held
+
+    @property
+    def gone(self) -> bool:
+        """Whether the views were on the disk and are there no longer; looks at the disk."""
+        return bool(self.views) and self._file.gone
 
     def resume(self) -> int:
         """Take up the views of an earlier run, if there is one; their number. Raises InputError."""
@@ -77,13 +88,15 @@ class ViewStore:
             )
         self.image_size = observations.image_size
         self.views = tuple(self._views(observations))
+        self._file.adopt()
         return len(self.views)
 
     def set_aside(self) -> None:
         """Start empty; an earlier run's file is renamed, not lost. Raises CalibrationError, and keeps all then."""
         if self.path.exists():
             self._rename()
-        self.views, self.image_size, self.unwritten = (), None, False
+        self.views, self.image_size = (), None
+        self._file.changed()
 
     def _rename(self) -> None:
         stamp = time.strftime("%Y%m%d-%H%M%S")
@@ -101,17 +114,14 @@ class ViewStore:
         """Keep a view and write the file. Raises CalibrationError where that fails; the view is kept anyway."""
         self.views += (view,)
         self.image_size = image_size
-        self.unwritten = True
+        self._file.changed()
         self.write()
 
     def write(self, again: bool = False) -> None:
-        """Write the views if they are not on disk yet, or ``again``. Raises CalibrationError."""
-        if not (self.unwritten or again):
-            return
+        """Write the views if the disk does not hold them, or ``again``. Raises CalibrationError."""
         observations = self.observations()
-        if observations is not None:
-            save_observations(self.path, observations)
-        self.unwritten = False
+        if observations is not None and (again or not self._file.held):
+            self._file.write(observation_content(observations))
 
     def observations(self) -> Observations | None:
         """All views as observations; None while there are none."""

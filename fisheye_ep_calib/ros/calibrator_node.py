@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -68,15 +69,19 @@ class CalibratorNode:
         self._live = live = LiveCalibrator(settings, tuning(self._parameters), announcer, self)
         self._intakes = {camera.name: self._intake(live, camera) for camera in cameras}
         self.node.add_post_set_parameters_callback(lambda changed: self._retune(live, changed))
-        self._patient.serve("calibrate", live.calibrate)
+        self._patient.serve("calibrate", live.calibrate, together=True)
         self._patient.serve("save", live.save)
         self._patient.serve("reset", live.reset)
         self._patient.serve("commit", lambda: self._commit(live))
+        for name in self._drivers:
+            self._patient.serve(f"{name}/commit", partial(self._commit, live, name))
+            if name in live.cameras:
+                self._patient.serve(f"{name}/reset", partial(live.reset, name))
         self._patient.every(RETRY_PERIOD, live.retry_writing)
+        self._patient.every(STATUS_PERIOD, lambda: self._publish_status(live))
         self._patient.start()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.node.create_timer(CHECK_PERIOD, self._check_intakes, clock=steady)
-        self.node.create_timer(STATUS_PERIOD, lambda: self._publish_status(live), clock=steady)
 
     def calibrated(self, camera: str, outcome: Outcome | None) -> None:
         self._publishers[camera].update(outcome)
@@ -101,9 +106,10 @@ class CalibratorNode:
 
         return ImageIntake(self.node, camera.image_topic, camera.compressed, receive)
 
-    def _commit(self, live: LiveCalibrator) -> Answer:
+    def _commit(self, live: LiveCalibrator, only: str | None = None) -> Answer:
         give_up = time.monotonic() + PATIENCE
-        return together([driver.commit(live.outcome(name), give_up) for name, driver in self._drivers.items()])
+        drivers = {name: driver for name, driver in self._drivers.items() if only in (None, name)}
+        return together([driver.commit(live.outcome(name), give_up) for name, driver in drivers.items()])
 
     def _retune(self, live: LiveCalibrator, changed: list[Parameter]) -> None:
         if any(self._parameters.is_live(parameter.name) for parameter in changed):

@@ -27,6 +27,7 @@ NODE = (
     Entry("model", AUTO, "Camera model to fit unless a camera names its own.", choices=MODELS),
     Entry("output_directory", "calibration", "Folder for <camera>.yaml and <camera>.npz."),
     Entry("resume", True, "Go on with the views of an earlier run; false sets them aside."),
+    Entry("keep_images", False, "Store the images of kept views as PNG, in images/<camera> of the output_directory."),
     Entry("rig", False, "Find where the cameras are to each other; the first one is the reference."),
     Entry("rig_tolerance", 0.01, "Seconds within which images of two cameras are of the same time.", 0.0, 10.0),
     Entry("rig_views", 40, "Common views of two cameras that are kept even if one camera needs no more.", 3, 10000),
@@ -63,6 +64,7 @@ def declare(table: ParameterTable) -> Settings:
         resume=table["resume"],
         workers=table["workers"],
         rig=_rig(table, cameras) if table["rig"] else None,
+        keep_images=table["keep_images"],
     )
 
 

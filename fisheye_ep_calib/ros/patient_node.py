@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
@@ -15,7 +15,7 @@ from fisheye_ep_calib.live.answer import Answer
 from fisheye_ep_calib.ros.parameter_names import with_parameters
 from fisheye_ep_calib.ros.spinning import spin_until
 
-THREADS = 6  # one for each service that waits, one for a driver's answer, one for the timers
+THREADS = 24  # at most: one for each call that waits, one for a driver's answer, one for the timers
 
 
 class PatientNode:
@@ -41,8 +41,8 @@ class PatientNode:
             target=spin_until, args=(self._executor, self.stopping), daemon=True, name="services"
         )
 
-    def serve(self, name: str, action: Callable[[], Answer]) -> None:
-        """A Trigger service ``~/name`` of the visible node."""
+    def serve(self, name: str, action: Callable[[], Answer], together: bool = False) -> None:
+        """A Trigger service ``~/name`` of the visible node. together: calls need not wait for each other."""
 
         def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             done = action()
@@ -50,7 +50,8 @@ class PatientNode:
             return response
 
         service = self._visible.resolve_service_name(f"~/{name}")
-        self.node.create_service(Trigger, service, answer, callback_group=MutuallyExclusiveCallbackGroup())
+        group = ReentrantCallbackGroup() if together else MutuallyExclusiveCallbackGroup()
+        self.node.create_service(Trigger, service, answer, callback_group=group)
 
     def every(self, seconds: float, action: Callable[[], None]) -> None:
         """Steady time: simulated time may stand still or jump back."""

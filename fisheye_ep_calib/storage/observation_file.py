@@ -19,6 +19,11 @@ def load_observations(path: str | PathLike[str]) -> Observations:
 
 def save_observations(path: str | PathLike[str], observations: Observations) -> None:
     """Write an observation file in metres, whole or not at all."""
+    atomic_write(path, observation_content(observations))
+
+
+def observation_content(observations: Observations) -> bytes:
+    """What an observation file holds; in metres."""
     arrays: dict[str, Any] = {
         "object_points": observations.object_points,
         "unit": np.array("m"),
@@ -37,4 +42,4 @@ def save_observations(path: str | PathLike[str], observations: Observations) -> 
         arrays["board_deviation"] = observations.board.deviation
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
-    atomic_write(path, buffer.getvalue())
+    return buffer.getvalue()

@@ -23,6 +23,7 @@ from fisheye_ep_calib.commands import fleet_jobs
 from fisheye_ep_calib.commands.fleet_devices import find_devices
 from fisheye_ep_calib.commands.fleet_table import FEWEST, mark_odd, robust_z, threshold
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.folder_owner import LOCK, FolderOwner
 from fisheye_ep_calib.storage.observation_file import save_observations
 
 BOARD_FILE = Path(fisheye_ep_calib.__file__).parents[1] / "config" / "targets" / "circle_grid_11x7.yaml"
@@ -146,6 +147,15 @@ def test_a_device_whose_process_is_killed_costs_no_other(command, fleet, tmp_pat
     reason = rows["unit0"]["reason"]
     assert "its process ended with code -9" in reason
     assert ("see out/logs/unit0.txt" in reason) == (tmp_path / "out" / "logs" / "unit0.txt").exists()
+
+
+def test_a_second_run_into_the_same_folder_says_who_has_it(command, fleet, tmp_path):
+    owner = FolderOwner(tmp_path / "out", "calibrate-fleet")
+    owner.hold()
+    ended = command("calibrate-fleet", fleet, "--output", "out", *OPTIONS)
+    assert ended.code == 1 and f"out is in use by calibrate-fleet, process {os.getpid()} on " in ended.err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [LOCK]
+    owner.release()
 
 
 def test_what_is_no_fleet_is_refused_in_one_line(command, fleet, recording, tmp_path):

@@ -2,23 +2,43 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fisheye_ep_calib.errors import CalibrationError, InputError
-from fisheye_ep_calib.live import view_store
 from fisheye_ep_calib.live.camera_views import CameraViews, Verdict
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.live.settings import Limits
 from fisheye_ep_calib.planning.view_selection import Novelty
+from fisheye_ep_calib.storage import kept_file
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.target import Detection, parse_target
 
 SIZE = (1280, 800)
 TARGET = parse_target({"type": "chessboard", "columns": 6, "rows": 5, "spacing": 0.02})
+
+
+SMALL_DISK = 65536  # bytes
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of its own that is soon full."""
+    command = ["mount", "-t", "tmpfs", "-o", f"size={SMALL_DISK}", "tmpfs", str(tmp_path)]
+    try:
+        mounted = subprocess.run(command, capture_output=True).returncode == 0
+    except OSError:
+        mounted = False
+    if not mounted:
+        pytest.skip("mounting a file system is not allowed here")
+    yield tmp_path
+    subprocess.run(["umount", str(tmp_path)], check=True)
 
 
 def sighting(column: int, row: int = 0, name: str = "", size: tuple[int, int] = SIZE) -> Sighting:
@@ -107,6 +127,40 @@ def test_a_refusing_disk_loses_nothing(tmp_path: Path) -> None:
     assert load_observations(camera.file).view_count == 1
 
 
+def test_a_refused_save_or_a_removed_folder_is_made_good_as_soon_as_the_disk_is_back(tmp_path: Path) -> None:
+    folder = tmp_path / "results"
+    camera = views(folder)
+    for column in range(5):
+        consider(camera, sighting(column))
+    shutil.rmtree(folder)
+    assert camera.unwritten and camera.gone
+    folder.write_text("in the way")
+    for again in (True, False):
+        with pytest.raises(CalibrationError, match="results"):
+            camera.write(again)
+        assert camera.unwritten
+    folder.unlink()
+    camera.write()
+    assert not camera.unwritten and load_observations(camera.file).view_count == 5
+    camera.file.write_bytes(camera.file.read_bytes()[:100])
+    camera.write()
+    assert load_observations(camera.file).view_count == 5
+
+
+def test_a_full_disk_costs_nothing_that_is_kept(small_disk: Path) -> None:
+    camera = views(small_disk)
+    filler = small_disk / "filler"
+    filler.write_bytes(bytes(SMALL_DISK))
+    for column in range(5):
+        with pytest.raises(CalibrationError, match="No space left"):
+            consider(camera, sighting(column))
+    assert camera.unwritten and len(camera.kept) == 5
+    assert not any(path.name.endswith((".npz", ".tmp")) for path in small_disk.iterdir())
+    filler.unlink()
+    camera.write()
+    assert not camera.unwritten and load_observations(camera.file).view_count == 5
+
+
 def test_a_reset_that_fails_forgets_nothing(tmp_path: Path, monkeypatch) -> None:
     camera = views(tmp_path)
     consider(camera, sighting(0))
@@ -122,8 +176,8 @@ def test_a_reset_that_fails_forgets_nothing(tmp_path: Path, monkeypatch) -> None
 def test_counting_does_not_wait_for_the_disk(tmp_path: Path, monkeypatch) -> None:
     """Images are counted in callbacks, which must not wait."""
     camera, writing, counted = views(tmp_path), threading.Event(), threading.Event()
-    written = view_store.save_observations
-    monkeypatch.setattr(view_store, "save_observations", lambda *a: (writing.set(), counted.wait(10), written(*a)))
+    written = kept_file.atomic_write
+    monkeypatch.setattr(kept_file, "atomic_write", lambda *a: (writing.set(), counted.wait(10), written(*a)))
     thread = threading.Thread(target=consider, args=(camera, sighting(0)))
     thread.start()
     assert writing.wait(10)

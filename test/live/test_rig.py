@@ -318,7 +318,7 @@ def test_a_refusing_disk_is_told_once_and_retried(make_rig, tmp_path: Path, monk
         raise CalibrationError("cannot write: No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("fisheye_ep_calib.live.subject.atomic_write", refuse)
+        patch.setattr("fisheye_ep_calib.storage.kept_file.atomic_write", refuse)
         for _ in range(2):
             assert "writing is tried again" in rig.calibrate().text
         assert rig.status().values["unwritten"] and len([t for t in rig.said if "No space" in t]) == 1

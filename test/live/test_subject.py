@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.live import subject as subject_module
 from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.answer import Answer
 from fisheye_ep_calib.live.settings import Tuning
 from fisheye_ep_calib.live.subject import Basis, Subject, Workplace
 from fisheye_ep_calib.live.work_pool import Task
+from fisheye_ep_calib.storage import kept_file
 
 
 class Bench:
@@ -140,6 +140,47 @@ def test_not_without_being_asked_where_that_is_not_wanted(scene: Scene) -> None:
     assert answer_of(promise) == Answer(True, "front: calibration of 5") and scene.told == ["calibration of 5"]
 
 
+def test_ten_calls_at_once_are_one_calibration(scene: Scene) -> None:
+    subject, bench = scene.subject, scene.bench
+    subject.amount = 4
+    subject.calibrate_if_due()  # is waited for as well
+    promises = [subject.calibrate() for _ in range(5)]
+    work = bench.begin()
+    promises += [subject.calibrate() for _ in range(5)]
+    assert bench.queued == []
+    work.end()
+    assert {answer_of(promise) for promise in promises} == {Answer(True, "front: calibration of 4")}
+    assert scene.told == ["calibration of 4"]
+
+
+def test_a_call_that_knows_of_more_is_another_calibration(scene: Scene) -> None:
+    subject, bench = scene.subject, scene.bench
+    subject.amount = 4
+    early = subject.calibrate()
+    work = bench.begin()
+    subject.amount = 5
+    late = [subject.calibrate() for _ in range(3)]
+    work.end()
+    bench.run()
+    assert bench.queued == [] and scene.told == ["calibration of 4", "calibration of 5"]
+    assert answer_of(early).text == "front: calibration of 4"
+    assert {answer_of(promise).text for promise in late} == {"front: calibration of 5"}
+
+
+def test_a_file_that_went_is_written_again_and_told(scene: Scene) -> None:
+    subject, bench = scene.subject, scene.bench
+    subject.amount = 4
+    subject.calibrate()
+    bench.run()
+    subject.retry_writing()
+    told = len(scene.said)
+    subject.file.unlink()
+    assert subject.unwritten
+    subject.retry_writing()
+    assert subject.file.read_text() == "calibration of 4" and not subject.unwritten
+    assert scene.said[told:] == [f"front: {subject.file} had gone from the disk, or was changed: written again"]
+
+
 @pytest.mark.parametrize("when", ["waiting", "running"])
 @pytest.mark.parametrize("asked", [True, False])
 def test_what_a_reset_overtakes_changes_nothing(scene: Scene, when: str, asked: bool) -> None:
@@ -235,7 +276,7 @@ def test_no_file_appears_after_a_reset(scene: Scene, monkeypatch: pytest.MonkeyP
     """The disk is slow; meanwhile all is forgotten."""
     subject, bench = scene.subject, scene.bench
     begun, go_on, order = threading.Event(), threading.Event(), []
-    write = subject_module.atomic_write
+    write = kept_file.atomic_write
 
     def slowly(*arguments: Any) -> None:
         begun.set()
@@ -243,7 +284,7 @@ def test_no_file_appears_after_a_reset(scene: Scene, monkeypatch: pytest.MonkeyP
         write(*arguments)
         order.append("written")
 
-    monkeypatch.setattr(subject_module, "atomic_write", slowly)
+    monkeypatch.setattr(kept_file, "atomic_write", slowly)
     subject.amount = 3
     subject.calibrate_if_due()
     calibrating = threading.Thread(target=bench.run)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import random
 import re
+import shutil
 import signal
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from live_processes import Program, wait_for
@@ -15,6 +17,7 @@ from std_srvs.srv import Trigger
 
 from fisheye_ep_calib.calibration import Observations, calibrate
 from fisheye_ep_calib.storage.camera_file import load_camera
+from fisheye_ep_calib.target import load_target
 
 pytestmark = pytest.mark.live
 
@@ -79,6 +82,95 @@ def kill_and_resume(times: int, start_calibrator, start_publisher, probe, render
 
 def test_killed_three_times(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
     kill_and_resume(3, start_calibrator, start_publisher, probe, rendered, tmp_path)
+
+
+def test_a_second_node_says_who_has_the_folder_and_ends(start_calibrator, start_publisher, rendered, tmp_path) -> None:
+    parameters = {"cameras": "[front]", "target": TARGET, "output_directory": tmp_path / "results", **EVERY_VIEW}
+    first = start_calibrator(**parameters)
+    start_publisher(rendered, 5, "/front/image_raw")
+    first.wait_to_say("view 1 kept")
+    second = start_calibrator("-r", "__node:=second", **parameters)
+    assert second.process.wait(60) == 1
+    second.end()
+    (line,) = second.lines
+    assert line.startswith("calibrator: ") and f"process {first.process.pid} on" in line and "is in use by" in line
+    first.interrupt(signal.SIGKILL)
+    third = start_calibrator(**parameters)
+    third.wait_to_say("going on with")
+    assert third.interrupt()[0] == 0
+
+
+def test_a_folder_that_is_removed_and_a_save_that_is_refused(
+    start_calibrator, start_publisher, probe, rendered, tmp_path
+) -> None:
+    folder = tmp_path / "results"
+    calibrator = start_calibrator(
+        cameras="[front]", target=TARGET, output_directory=folder, auto_calibrate="false", **EVERY_VIEW
+    )
+    publisher = start_publisher(rendered, 5, "/front/image_raw")
+    calibrator.wait_to_say("view 3 kept")
+    publisher.end()
+    wait_until_quiet(calibrator)
+    views = kept(calibrator.output)
+    shutil.rmtree(folder)
+    folder.write_text("in the way")
+    assert "not written" in probe.call(Trigger, "/calibrator/save").message
+    assert not calibrator.said("everything is written now")
+    folder.unlink()
+    calibrator.wait_to_say("front: everything is written now")
+    assert Observations.load(folder / "front.npz").view_count == views
+    shutil.rmtree(folder)
+    assert calibrator.interrupt()[0] == 0
+    assert Observations.load(folder / "front.npz").view_count == views
+
+
+def test_what_the_disk_refuses_to_the_end_is_said_to_be_lost(
+    start_calibrator, start_publisher, rendered, tmp_path
+) -> None:
+    folder = tmp_path / "results"
+    folder.write_text("in the way")
+    calibrator = start_calibrator(cameras="[front]", target=TARGET, output_directory=folder, **EVERY_VIEW)
+    start_publisher(rendered, 5, "/front/image_raw")
+    calibrator.wait_to_say("view 1 kept, 77 points, in memory only")
+    assert calibrator.interrupt()[0] == 0
+    assert "front: ended with what the disk has not taken; that is lost" in calibrator.output
+
+
+def test_ten_calls_at_once_are_one_calibration_and_one_camera_is_reset(
+    start_calibrator, start_publisher, probe, rendered, tmp_path
+) -> None:
+    calibrator = start_calibrator(
+        cameras="[front, rear]",
+        target=TARGET,
+        output_directory=tmp_path,
+        auto_calibrate="false",
+        keep_images="true",
+        model="ep_odd",
+        **EVERY_VIEW,
+    )
+    publisher = start_publisher(rendered, 5, "/front/image_raw", "/rear/image_raw")
+    wait_for(lambda: all(calibrator.said(f"{name}: view 6 kept") for name in ("front", "rear")), "six views each")
+    publisher.end()
+    wait_until_quiet(calibrator)
+    client = probe.node.create_client(Trigger, "/calibrator/calibrate")
+    wait_for(client.service_is_ready, "the service")
+    calls = [client.call_async(Trigger.Request()) for _ in range(10)]
+    wait_for(lambda: all(call.done() for call in calls), "ten answers")
+    assert len({call.result().message for call in calls}) == 1 and calls[0].result().success
+    assert calibrator.output.count("front: ep_odd, RMS") == 1 and calibrator.output.count("rear: ep_odd, RMS") == 1
+
+    views = Observations.load(tmp_path / "front.npz").view_count
+    images = sorted((tmp_path / "images" / "front").glob("*.png"))
+    assert len(images) == views and calibrator.output.count("front: view") == views
+    found = load_target(TARGET).detector().detect(cv2.imread(str(images[0]), cv2.IMREAD_UNCHANGED))
+    assert len(found) > 60
+
+    assert "front: " in probe.call(Trigger, "/calibrator/front/reset").message
+    assert not (tmp_path / "front.npz").exists() and (tmp_path / "rear.npz").exists()
+    assert not (tmp_path / "images" / "front").exists() and (tmp_path / "images" / "rear").exists()
+    assert len(list(tmp_path.glob("images.*/front/*.png"))) == views
+    answer = probe.call(Trigger, "/calibrator/rear/commit")
+    assert "nobody serves /rear/set_camera_info" in answer.message and "front" not in answer.message
 
 
 @pytest.mark.slow
