@@ -9,12 +9,27 @@ import numpy as np
 
 from fisheye_ep_calib.camera.fisheye import FisheyeCamera
 
+CHOSEN, LEFT_OPEN = "chosen", "left open"
+
 
 def pupil_sigma(camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Standard deviation of E(θ), metres, shape of θ (rad): √(bᵀ Cov_e b) with b the family's basis."""
     part = camera.parameter_slice("coefficients")
     basis = camera.pupil_family.basis(np.asarray(theta, dtype=float), len(camera.coefficients))
     return _band(basis, covariance[part, part])
+
+
+def entrance_pupil_band(
+    camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """E(θ) and its standard deviation, metres, shapes of θ (rad), and whose they are.
+
+    The camera's own, "chosen", or, where it has none, those that its data leave open, "left open".
+    """
+    left_open = camera.pupil_left_open
+    if left_open is not None and not camera.coefficients:
+        return left_open.entrance_pupil(theta), left_open.sigma(theta), LEFT_OPEN
+    return camera.entrance_pupil(theta), pupil_sigma(camera, covariance, theta), CHOSEN
 
 
 def radius_sigma(camera: FisheyeCamera, covariance: np.ndarray, theta: np.ndarray) -> np.ndarray:

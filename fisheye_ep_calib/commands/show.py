@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fisheye_ep_calib.storage.camera_content import camera_content
+from fisheye_ep_calib.storage.camera_content import camera_content, fact_in_words
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text
 
@@ -50,7 +50,7 @@ def _text(file: CameraFile, content: dict[str, Any]) -> str:
     if file.board is not None:
         lines.append(f"  the board: {file.board.sentence}")
     for key, value in file.calibration.items():
-        lines.append(f"  {key}: {value}")
+        lines.append(f"  {key}: {fact_in_words(value)}")
     return "\n".join(lines)
 
 

@@ -12,7 +12,7 @@ from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibr
 from fisheye_ep_calib.calibration.assessing.uncertainty import projection_uncertainty
 from fisheye_ep_calib.calibration.content import calibration_content
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.camera.bands import pupil_sigma
+from fisheye_ep_calib.camera.bands import entrance_pupil_band
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, plain_camera_info
 from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.live.advice import Advice, advise
@@ -92,7 +92,8 @@ def calibrate_views(observations: Observations, model: str, name: str, source: s
 def outcome_of_file(path: Path) -> Outcome:
     """An existing camera file, to publish as it is. Raises InputError."""
     file = read_camera_file(path)
-    figures = {"model": file.camera.model, "camera_file": str(path)}
+    facts = {name: file.calibration[name] for name in TOLD if name in file.calibration}
+    figures = {"model": file.camera.model, "camera_file": str(path), **facts, **_curves(file.camera, file.covariance)}
     return Outcome(
         camera=file.camera,
         stand_in=file.stand_in,
@@ -115,18 +116,23 @@ def uncertainty_px(result: CalibrationResult) -> float:
 
 
 def _figures(result: CalibrationResult, spread: float) -> dict[str, Any]:
-    angles = np.array([angle for angle in PUPIL_ANGLES if np.radians(angle) <= result.camera.theta_max])
-    theta = np.radians(angles)
-    shift = result.camera.entrance_pupil(theta)
-    sigma = pupil_sigma(result.camera, result.uncertainty.covariance, theta)
-    content = calibration_content(result)
     return {
-        **{name: content[name] for name in TOLD},
+        **calibration_content(result, TOLD),
         "views_used": result.views,  # what ``views`` was called here before
         "uncertainty_px": round(spread, 4) if np.isfinite(spread) else None,
-        "theta_max_deg": round(float(np.degrees(result.camera.theta_max)), 1),
+        **_curves(result.camera, result.uncertainty.covariance),
+    }
+
+
+def _curves(camera: FisheyeCamera, covariance: np.ndarray) -> dict[str, Any]:
+    """E and its band at some angles, of the field that was seen, as ``show`` tells them."""
+    angles = np.array([angle for angle in PUPIL_ANGLES if np.radians(angle) <= camera.theta_max])
+    shift, sigma, whose = entrance_pupil_band(camera, covariance, np.radians(angles))
+    return {
+        "theta_max_deg": round(float(np.degrees(camera.theta_max)), 1),
         "entrance_pupil_mm": {
             str(angle): [round(1e3 * float(value), 4), round(1e3 * float(band), 4)]
             for angle, value, band in zip(angles, shift, sigma, strict=True)
         },
+        "E_from": whose,
     }

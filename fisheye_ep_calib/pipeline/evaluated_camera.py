@@ -93,11 +93,12 @@ class EvaluatedCamera(Evaluation):
     def _report(self, pictures: bool = False) -> CameraReport:
         from fisheye_ep_calib.report.from_evaluation import evaluation_report
         from fisheye_ep_calib.report.record import inputs_in_words
+        from fisheye_ep_calib.storage.camera_content import fact_in_words
 
         inputs = {"camera file": self.path} if self.path else {}
         inputs |= inputs_in_words(self.camera_source.inputs())
         inputs["target's shape"] = self.board_words
-        inputs |= {f"calibration: {key}": str(value) for key, value in self.camera_file.calibration.items()}
+        inputs |= {f"calibration: {key}": fact_in_words(value) for key, value in self.camera_file.calibration.items()}
         return evaluation_report(
             self.camera_file.name,
             self.camera_file,

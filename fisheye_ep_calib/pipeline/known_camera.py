@@ -8,6 +8,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
+from fisheye_ep_calib.calibration.content import calibration_content
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
 
@@ -37,7 +38,7 @@ def _of_result(result: CalibrationResult) -> CameraFile:
         stand_in.distance,
         stand_in.loss_px,
         result.board_warp,
-        {"rms_px": result.rms_px, "noise_px": result.uncertainty.sigma_px, "views": result.views},
+        calibration_content(result, ("rms_px", "noise_px", "views")),
         {
             "theta_deg": table.theta_deg.tolist(),
             "distance_m": table.distance_m.tolist(),

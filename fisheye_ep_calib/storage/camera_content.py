@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fisheye_ep_calib.camera.bands import pupil_sigma, radius_sigma
+from fisheye_ep_calib.camera.bands import entrance_pupil_band, radius_sigma
 from fisheye_ep_calib.storage.camera_file import CameraFile
 
 
@@ -15,6 +15,7 @@ def camera_content(file: CameraFile) -> dict[str, Any]:
     camera, covariance = file.camera, file.covariance
     degrees = np.arange(int(np.floor(np.degrees(camera.theta_max) + 1e-9)) + 1)
     theta = np.radians(degrees)
+    shift, shift_sigma, shift_from = entrance_pupil_band(camera, covariance, theta)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
     return {
         "name": file.name,
@@ -33,7 +34,9 @@ def camera_content(file: CameraFile) -> dict[str, Any]:
         "parameters": list(camera.parameter_names),
         "sigma": dict(zip(camera.parameter_names, sigma.tolist(), strict=True)),
         "theta_deg": degrees.tolist(),
-        **_pupil(file, theta),
+        "E_m": shift.tolist(),
+        "E_sigma_m": shift_sigma.tolist(),
+        "E_from": shift_from,
         "r_px": (camera.fx * camera.radius(theta)).tolist(),
         "r_sigma_px": radius_sigma(camera, covariance, theta).tolist(),
         "projection_uncertainty": file.projection_uncertainty,
@@ -46,11 +49,8 @@ def camera_content(file: CameraFile) -> dict[str, Any]:
     }
 
 
-def _pupil(file: CameraFile, theta: np.ndarray) -> dict[str, Any]:
-    """E and its band at theta (n,), rad: the camera's own or, where it has none, what its data leave open."""
-    camera, left_open = file.camera, file.camera.pupil_left_open
-    if left_open is not None and not camera.coefficients:
-        value, sigma, source = left_open.entrance_pupil(theta), left_open.sigma(theta), "left open"
-    else:
-        value, sigma, source = camera.entrance_pupil(theta), pupil_sigma(camera, file.covariance, theta), "chosen"
-    return {"E_m": value.tolist(), "E_sigma_m": sigma.tolist(), "E_from": source}
+def fact_in_words(value: Any) -> str:
+    """What a file tells of its calibration, for a person."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {number:.4g}" for key, number in value.items())
+    return str(value)

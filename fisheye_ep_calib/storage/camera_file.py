@@ -110,21 +110,15 @@ def _full_camera(camera: FisheyeCamera) -> dict[str, Any]:
 def _calibrated(result: CalibrationResult, source: str) -> dict[str, Any]:
     if result.fit.structure.target_axis:
         raise CalibrationError(f"{result.model} is no camera and cannot be saved; take ep_odd")
+    from fisheye_ep_calib.calibration.content import FACTS, calibration_content
+
     return {
         **_full_camera(result.camera),
         "covariance": [_floats(row) for row in result.uncertainty.covariance],
         **_left_open(None if result.left_open is None else result.left_open.pupil),
         "projection_uncertainty": _projection_uncertainty(result),
         "calibration": {
-            "rms_px": float(result.rms_px),
-            "noise_px": float(result.uncertainty.sigma_px),
-            "views": result.views,
-            "points": result.points,
-            "rejected_points": len(result.rejected),
-            "entrance_pupil_supported": result.entrance_pupil_supported,
-            "entrance_pupil": result.pupil_verdict.answer,
-            **({"refused": result.refused} if result.refused else {}),
-            "converged": result.converged,
+            **{name: value for name, value in calibration_content(result, FACTS).items() if value is not None},
             "board_warp": _floats(result.board_warp),
             "board": _board_content(result),
             "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
@@ -277,13 +271,15 @@ def _facts(block: dict[str, Any]) -> dict[str, Any]:
 
 
 def _fact(name: str, value: Any) -> Any:
-    """A number, a text, a date, or a list of them: what a program can print."""
-    if isinstance(value, list) and not any(isinstance(element, list) for element in value):
+    """A number, a text, a date, a list of them or, within the facts, numbers by name: what a program can print."""
+    if isinstance(value, list) and not any(isinstance(element, list | dict) for element in value):
         return [_fact(name, element) for element in value]
+    if isinstance(value, dict) and all(isinstance(number, int | float) for number in value.values()):
+        return {str(key): float(number) for key, number in value.items()}
     if isinstance(value, datetime.date):
         return value.isoformat()
     if value is not None and not isinstance(value, str | int | float):
-        raise InputError(f"{name} must be a number, a text or a list of them")
+        raise InputError(f"{name} must be a number, a text, a list of them or numbers by name")
     return value
 
 
