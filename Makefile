@@ -15,13 +15,14 @@ export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help environment demo test test-all lint types clean
+.PHONY: help environment demo docs test test-all lint types clean
 
 help:
 	@echo "make demo      render two cameras, calibrate them offline and live"
 	@echo "make lint      ruff check, ruff format --check, mypy --strict"
 	@echo "make test      lint, tests, colcon build"
 	@echo "make test-all  the same with the slow tests"
+	@echo "make docs      the documentation as pages, build/docs/index.html"
 	@echo "make clean     remove the environment and everything built"
 
 environment: $(READY)
@@ -37,6 +38,14 @@ $(READY): setup.py setup.cfg package.xml
 
 demo: $(READY)
 	@PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/fisheye_ep_calib demo
+
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs build/docs
+	@echo "open build/docs/index.html"
+
+$(VENV)/.docs: $(READY)
+	@$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@touch $@
 
 lint: types
 	$(BIN)/ruff check .

@@ -24,6 +24,7 @@ ROS = [
 CLUSTER = ["distributed>=2023.5"]
 VIDEO = ["av>=12"]
 COMPLETION = ["argcomplete>=3.0"]
+DOCS = ["sphinx>=7.2", "furo>=2024.1.29", "myst-parser>=3"]
 TEST = [
     *CLUSTER,
     *COMPLETION,
@@ -68,7 +69,14 @@ setup(
         "jinja2>=3.0",
         f"calib-targets>=0.15,<0.16; {HAS_CALIB_TARGETS}",
     ],
-    extras_require={"cluster": CLUSTER, "completion": COMPLETION, "ros": ROS, "test": TEST, "video": VIDEO},
+    extras_require={
+        "cluster": CLUSTER,
+        "completion": COMPLETION,
+        "docs": DOCS,
+        "ros": ROS,
+        "test": TEST,
+        "video": VIDEO,
+    },
     entry_points={
         "console_scripts": [
             "fisheye_ep_calib = fisheye_ep_calib.cli:main",

@@ -204,7 +204,7 @@ class FisheyeCamera:
     def unproject(self, pixels: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One ray a pixel (..., 2): origins (..., 3) on the axis, metres, unit directions (..., 3), valid (...).
 
-        θ = r⁻¹(|m|), origin (0, 0, −E(θ)), direction (sinθ cosφ, sinθ sinφ, cosθ).
+        θ = r⁻¹(‖m‖), origin (0, 0, −E(θ)), direction (sinθ cosφ, sinθ sinφ, cosθ).
         """
         plane_x, plane_y, reached = self._plane(np.asarray(pixels, dtype=float))
         radius = np.hypot(plane_x, plane_y)

@@ -85,6 +85,9 @@ class ProgressBars:
     def __call__(self, now: Progress) -> None:
         self._last = now
         if not now.total:
+            self._end_bar()
+            if sys.stderr.isatty():
+                print(now, file=sys.stderr, flush=True)
             return
         if self._bar is None or now.step != self._step:
             self._end_bar()

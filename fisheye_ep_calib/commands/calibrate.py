@@ -12,6 +12,7 @@ from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.calibration.calibrate import AUTO, BOARD_SHAPES, DISC_CENTERS, LOSSES, PRINTED_FORM
 from fisheye_ep_calib.calibration.structure import LENS
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
+from fisheye_ep_calib.collection.progress import OnProgress
 from fisheye_ep_calib.commands.messages import with_options
 from fisheye_ep_calib.commands.reporting import CalibrationReports, refuse_unwritable
 from fisheye_ep_calib.commands.sources import add_resume_argument, add_source_arguments, cameras_given
@@ -133,9 +134,9 @@ def run(arguments: argparse.Namespace) -> int:
     log = log_of(output, arguments.resume)
     earlier = _earlier_results(output)
     texts: list[str] = []
-    with cameras_given(arguments, log, lambda names: _refuse_taken(output, names, arguments)) as (cameras, look_again):
+    with cameras_given(arguments, log, lambda names: _refuse_taken(output, names, arguments)) as given:
         with results_folder(output) as folder:
-            reports, failures = _calibrate_all(cameras, look_again, arguments, folder, output, texts)
+            reports, failures = _calibrate_all(given, arguments, folder, output, texts)
             written = {path.relative_to(folder) for path in folder.rglob("*")}
     # Only now: nobody may be reading, and the results are to be there all the same.
     text_stream = sys.stderr if arguments.json else sys.stdout
@@ -152,14 +153,13 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"wrote {output / PAGE}", file=text_stream)
     if arguments.json:
         print(json_text({"cameras": reports}))
-    if len(cameras) == 1 and failures:
+    if len(given[0]) == 1 and failures:
         raise failures[0]
     return max((error.exit_code for error in failures), default=0)
 
 
 def _calibrate_all(
-    cameras: list[CameraSource],
-    look_again: LookAgain | None,
+    given: tuple[list[CameraSource], LookAgain | None, OnProgress],
     arguments: argparse.Namespace,
     folder: Path,
     output: Path,
@@ -167,12 +167,15 @@ def _calibrate_all(
 ) -> tuple[dict[str, dict[str, Any]], list[CalibrationError]]:
     """Write every camera's results to ``folder``, which becomes ``output``; what ``--json`` says, and what failed.
 
-    texts: is given what to tell the user of each camera. Raises CalibrationError where no camera could be calibrated.
+    given: what ``cameras_given`` gives. texts: is given what to tell the user of each camera. Raises CalibrationError
+    where no camera could be calibrated.
     """
+    cameras, look_again, on_progress = given
     reports, failures = {}, []
     options = _options(arguments)
     with CalibrationReports(folder, cameras, arguments) as collected:
-        for camera, end in calibrate_cameras(cameras, look_again, arguments.model, arguments.passes, options=options):
+        done = calibrate_cameras(cameras, look_again, arguments.model, arguments.passes, on_progress, options)
+        for camera, end in done:
             if isinstance(end, CalibratedCamera):
                 name = write_camera(folder, end, end.camera_source)
                 reports[camera.name] = end.to_dict() | {"yaml": None if name is None else str(output / name)}

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     refuse_unusable_report(arguments)
     read_camera_file(arguments.camera)  # before the images are looked at
-    with cameras_given(arguments, before_looking=_refuse_several) as (cameras, _):
+    with cameras_given(arguments, before_looking=_refuse_several) as (cameras, _, _):
         judged = evaluate(
             arguments.camera, cameras[0], board_warp=arguments.board_warp, disc_centers=arguments.disc_centers
         )

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
-from fisheye_ep_calib.collection.progress import ProgressBars
+from fisheye_ep_calib.collection.progress import OnProgress, ProgressBars
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.pipeline.found_so_far import Log
@@ -91,14 +91,14 @@ def cameras_given(
     arguments: argparse.Namespace,
     log: Log | None = None,
     before_looking: Callable[[list[str]], None] = lambda names: None,
-) -> Iterator[tuple[list[CameraSource], LookAgain | None]]:
-    """``camera_sources`` of the arguments."""
+) -> Iterator[tuple[list[CameraSource], LookAgain | None, OnProgress]]:
+    """``camera_sources`` of the arguments, and the bars that tell what is done with them."""
     with look_given(arguments, log) as look:
         given = camera_sources(
             arguments.source, arguments.target, look, split=arguments.split, before_looking=before_looking
         )
         with given as (cameras, look_again):
-            yield cameras, look_again
+            yield cameras, look_again, look.on_progress
 
 
 def topics_given(given: list[str]) -> dict[str, str]:

@@ -23,3 +23,12 @@ def test_a_short_run_prints_nothing(capsys) -> None:
     with ProgressBars() as bars:
         bars(Progress("looking", 10, 10, 2))
     assert "so far" not in capsys.readouterr().err
+
+
+def test_a_step_without_parts_ends_the_bar_and_is_told(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(progress, "_LINE_EACH", 0.05)
+    with ProgressBars() as bars:
+        bars(Progress("looking again", 10, 10, 2))
+        bars(Progress("front: calibrating"))
+        time.sleep(0.2)
+    assert "front: calibrating; 0 s so far" in capsys.readouterr().err

@@ -51,3 +51,10 @@ def test_parameters_are_those_of_the_nodes():
             assert rows[name][1].strip("`") == str(entry.default).lower(), name
     known = {name for name, _ in entries}
     assert not [name for name in rows if name.startswith("<camera>.") and name not in known]
+
+
+def test_every_page_of_the_documentation_is_in_its_contents():
+    docs = README.parent / "docs"
+    contents = (docs / "index.md").read_text(encoding="utf-8").splitlines()
+    pages = {page.stem for pattern in ("*.md", "*.rst") for page in docs.glob(pattern)} - {"index"}
+    assert not pages - set(contents)

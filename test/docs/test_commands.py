@@ -1,0 +1,119 @@
+"""Every command that README and docs show is one that works: parsed here, run in full by the slow tests."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import pytest
+
+from fisheye_ep_calib import open_recording
+from fisheye_ep_calib.commands.parser import build_parser
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PAGES = sorted([REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *(REPOSITORY / "docs").glob("*.md")])
+SHELL_BLOCK = re.compile(r"^```(?:sh|bash)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+COMMAND = "fisheye_ep_calib"
+
+NOT_RUN = {  # how a line begins, and why no test here runs it
+    "make ": "continuous integration runs them",
+    ".venv/bin/pytest": "these tests themselves",
+    "pip install": "changes the machine",
+    "rosdep ": "needs a ROS machine",
+    "colcon ": "needs a ROS machine; test/packaging builds with colcon",
+    ". install/setup.bash": "needs a ROS machine",
+    "ros2 ": "needs the ros2 tools; test/ros starts the same nodes with the same parameters",
+    'eval "$(register-python-argcomplete': "a shell's own; test/commands completes through argcomplete",
+    "g++ ": "test_examples compiles and runs it",
+    'echo "0.05 0.02 0.08"': "test_examples compiles and runs it",
+}
+RECORD = "simulate --poses random --views 12 --target board.yaml --output {} --seed {} --camera {}"
+CALIBRATE = "calibrate {} --target board.yaml --topic {} --model ep_odd --no-report --output {}"
+FRONT = "front=/front/image_raw"
+ONE_CAMERA = (
+    "target --new circle_grid_11x7_holed > board.yaml",
+    RECORD.format("recording.mcap", 0, "front=paper"),
+    RECORD.format("other.mcap", 1, "front=paper"),
+    CALIBRATE.format("recording.mcap", FRONT, "monday"),
+    CALIBRATE.format("other.mcap", FRONT, "tuesday"),
+    CALIBRATE.format("recording.mcap", FRONT, "calibration"),
+)
+TWO_CAMERAS = (
+    "target --new circle_grid_11x7_holed > board.yaml",
+    RECORD.format("recording.mcap", 0, "left=laikin --camera right=laikin"),
+    CALIBRATE.format("recording.mcap", "left=/left/image_raw --topic right=/right/image_raw", "calibration"),
+)
+
+
+def shell_lines(page: Path) -> list[str]:
+    """The commands of a page's shell blocks, without comments, continued lines joined."""
+    blocks = SHELL_BLOCK.findall(page.read_text(encoding="utf-8"))
+    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
+    return [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def own_lines(page: Path) -> list[str]:
+    return [line for line in shell_lines(page) if line.split()[0] == COMMAND]
+
+
+def arguments_of(line: str) -> list[str]:
+    words = shlex.split(line, comments=True)
+    return words[1 : words.index(">")] if ">" in words else words[1:]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_each_command_is_run_or_said_why_not(page):
+    others = [line for line in shell_lines(page) if line.split()[0] != COMMAND]
+    assert not [line for line in others if not line.startswith(tuple(NOT_RUN))]
+
+
+@pytest.mark.parametrize(
+    "line", sorted({line for page in PAGES for line in own_lines(page)}), ids=lambda line: line[len(COMMAND) + 1 :][:60]
+)
+def test_each_command_is_understood(line):
+    words = arguments_of(line)
+    arguments = build_parser(COMMAND, words).parse_args(words)  # ends the test where an option is unknown
+    assert arguments.run
+
+
+def run(line: str, folder: Path) -> None:
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        line, shell=True, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True, timeout=280
+    )
+    assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+
+def one_camera(folder: Path) -> None:
+    """A recording of one camera, another, its images, and its calibration."""
+    for command in ONE_CAMERA:
+        run(f"{COMMAND} {command}", folder)
+    shutil.copy(folder / "calibration" / "front.yaml", folder)
+    images = folder / "images"
+    images.mkdir()
+    with open_recording(folder / "recording.mcap") as recording:
+        for number, frame in enumerate(recording.frames()):
+            assert cv2.imwrite(str(images / f"{number:02}.png"), frame.image)
+
+
+def two_cameras(folder: Path) -> None:
+    """A recording of two cameras, and their calibrations."""
+    for command in TWO_CAMERAS:
+        run(f"{COMMAND} {command}", folder)
+    for name in ("left", "right"):
+        shutil.copy(folder / "calibration" / f"{name}.yaml", folder)
+    shutil.copytree(folder / "calibration" / "observations", folder / "observations")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if own_lines(page)], ids=lambda page: page.stem)
+def test_commands_of_a_page_work_one_after_the_other(page, tmp_path):
+    (two_cameras if page.stem == "rig" else one_camera)(tmp_path)
+    for line in own_lines(page):
+        run(line, tmp_path)
