@@ -21,6 +21,7 @@ from fisheye_ep_calib import Observations, calibrate
 from fisheye_ep_calib.simulation import clutter_image, paper_camera
 from fisheye_ep_calib.simulation.evaluation_set import EvaluationView, evaluation_set
 from fisheye_ep_calib.target import load_target, parse_target
+from fisheye_ep_calib.target.second_look import look_again
 
 TARGETS = sorted((Path(__file__).resolve().parents[1] / "config" / "targets").glob("*.yaml"))
 CLUTTER = 200
@@ -90,8 +91,7 @@ def photographs(folder: Path, keys: dict) -> None:
             flush=True,
         )
         for view, pose in zip(result.view_images, result.camera_from_target, strict=True):
-            again = detector.detect_guided(images[view], result.camera, pose)
-            detections[view] = again if len(again) else detections[view]
+            detections[view] = look_again(detector, images[view], result.camera, pose, detections[view])
 
 
 if __name__ == "__main__":

@@ -133,11 +133,11 @@ class Collector:
     def refine(self, guides: Sequence[Guide]) -> dict[str, DetectionRun]:
         """Look again, where a first calibration says the target is, at the views that have a pose.
 
-        A view in which the second pass finds nothing keeps what the first one found.
+        What the first pass found stays, unless its image contradicts it.
         """
         jobs = {
             guide.run.topic: [
-                Job(guide.run.topic, view.index, guide.camera, guide.camera_from_target[number])
+                Job(guide.run.topic, view.index, guide.camera, guide.camera_from_target[number], view.detection)
                 for number, view in enumerate(guide.run.views)
                 if number in guide.camera_from_target
             ]

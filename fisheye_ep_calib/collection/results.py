@@ -81,6 +81,12 @@ class DetectionRun:
         return reasons
 
     @property
+    def points_given_up(self) -> dict[str, int]:
+        """Why the second look gave up points of the first one → how many, the commonest first."""
+        reasons = Counter(why for frame in self.views for why in frame.detection.given_up.values())
+        return dict(reasons.most_common())
+
+    @property
     def bad_frames(self) -> int:
         """How many images could not be read."""
         return sum(bool(frame.error) for frame in self.frames)
@@ -113,7 +119,11 @@ class DetectionRun:
         if self.interrupted:
             parts.append("interrupted")
         remarks = [frame.detection.remark for frame in self.views if frame.detection.remark]
-        return "; ".join([", ".join(parts), *([counted(remarks)] if remarks else [])])
+        told = [counted(remarks)] if remarks else []
+        if given_up := self.points_given_up:
+            reasons = ", ".join(f"{count} {why}" for why, count in given_up.items())
+            told.append(f"{sum(given_up.values())} points of the first look given up: {reasons}")
+        return "; ".join([", ".join(parts), *told])
 
     def observations(self, object_points: np.ndarray, disc_radius: float | None = None) -> Observations:
         """Every view's points, for a target of ``object_points`` (n, 3) m.

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import IO, Any
 
 import cv2
@@ -24,6 +24,7 @@ from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.detection import Detection, Detector
+from fisheye_ep_calib.target.second_look import look_again
 from fisheye_ep_calib.worker_processes import KnownProcesses, deaf_to_interrupts, inherited_by_workers, prepare_worker
 
 QUEUED_A_WORKER = 6  # images, so that workers go on while the next round is planned
@@ -31,12 +32,16 @@ QUEUED_A_WORKER = 6  # images, so that workers go on while the next round is pla
 
 @dataclass(frozen=True)
 class Job:
-    """One image to look at; with ``camera`` and ``camera_from_target`` (4, 4), where they say to look."""
+    """One image to look at; with ``camera`` and ``camera_from_target`` (4, 4), where they say to look again.
+
+    first: what was found before, then.
+    """
 
     topic: str
     index: int
     camera: Any = None
     camera_from_target: np.ndarray | None = None
+    first: Detection = field(default_factory=Detection)
 
 
 class FrameWorkers:
@@ -174,7 +179,7 @@ def look(recording: Recording, detector: Detector, job: Job) -> FrameResult:
         if job.camera_from_target is None:
             detection = detector.detect(image)
         else:
-            detection = detector.detect_guided(image, job.camera, job.camera_from_target)
+            detection = look_again(detector, image, job.camera, job.camera_from_target, job.first)
     except Exception as error:  # one strange image must not cost the others
         message = f"{type(error).__name__}: {first_line(error)}"
         return failed_on(recording, job, f"the detector failed on it ({message})")

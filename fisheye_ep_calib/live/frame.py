@@ -14,6 +14,7 @@ from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.overlay import OverlayRequest, draw_overlay
 from fisheye_ep_calib.storage.images import decode_compressed, decode_image
 from fisheye_ep_calib.target import Detection, Detector, Target
+from fisheye_ep_calib.target.second_look import look_again
 
 _LEAST_FOUND_AGAIN = 0.8  # of the points of the first look
 
@@ -103,6 +104,6 @@ def second_look(
         guide, poses = where_to_look_again(camera, observations)
     except CalibrationError:
         return first
-    again = detector.detect_guided(image, guide, poses[0])
+    again = look_again(detector, image, guide, poses[0], first)
     found_again = np.isin(first.point_index, again.point_index).mean()
     return again if found_again > _LEAST_FOUND_AGAIN else first

@@ -1,5 +1,8 @@
 """What a detector is and what it returns."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -21,6 +24,7 @@ class Detection:
     reason: why nothing was found, in words a user understands; empty when something was found.
     rejected (m, 2): candidates that were looked at and refused, for the overlay.
     remark: what is to be told although something was found, such as that the file was read in another way.
+    given_up: of a second look, points of the first one that their image contradicts → why.
     """
 
     point_index: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
@@ -28,6 +32,7 @@ class Detection:
     reason: str = ""
     rejected: np.ndarray = field(default_factory=_no_pixels)
     remark: str = ""
+    given_up: Mapping[int, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.point_index)
@@ -40,10 +45,17 @@ class Detector(Protocol):
         """Find the target in a grey image (h, w) uint8 with nothing known about the camera."""
         ...
 
-    def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
+    def detect_guided(
+        self,
+        image: np.ndarray,
+        camera: FisheyeCamera,
+        camera_from_target: np.ndarray,
+        first: Detection | None = None,
+    ) -> Detection:
         """Find it again where a first calibration, a FisheyeCamera and a pose (4, 4), says it is.
 
-        image: grey (h, w), uint8 or, of a deeper image, float32 in the same grey levels.
+        image: grey (h, w), uint8 or, of a deeper image, float32 in the same grey levels. first: what was found with
+        nothing known; its points are measured where they were seen, and ``given_up`` says which the image contradicts.
         """
         ...
 

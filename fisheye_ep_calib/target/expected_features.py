@@ -141,10 +141,14 @@ def smooth_residuals(points: np.ndarray, values: np.ndarray, columns: np.ndarray
 
 
 def stays_smooth(
-    points: np.ndarray, values: np.ndarray, usual: float | np.ndarray, columns: np.ndarray | None = None
+    points: np.ndarray,
+    values: np.ndarray,
+    usual: float | np.ndarray,
+    columns: np.ndarray | None = None,
+    slack: float | np.ndarray = 1.0,
 ) -> np.ndarray:
     """Whether each value (k, m) fits the others (k,): within ``usual``, or six times what is common among
-    them.
+    them; slack: times so much.
     """
     rest = smooth_residuals(points, values, columns)
-    return rest < np.maximum(6 * float(np.median(rest)), usual)
+    return rest < slack * np.maximum(6 * float(np.median(rest)), usual)

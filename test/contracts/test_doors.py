@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,11 @@ from registered_targets import CAMERA, check_near_truth, imaging, named_target, 
 from fisheye_ep_calib import Observations, load_camera
 from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.collection import Collector
+from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.pipeline import calibrate_recording
 from fisheye_ep_calib.simulation import render
 from fisheye_ep_calib.storage.recording import open_recording
-from fisheye_ep_calib.target import Target
+from fisheye_ep_calib.target import Detection, Target
 from fisheye_ep_calib.target.registry import TARGETS
 
 TOPIC = "/front/image_raw"
@@ -98,6 +99,29 @@ def test_a_cluster_gives_the_same(scene, alone, cluster) -> None:
     there = calibrate_recording(scene.folder, scene.target, model="ep_even", scheduler=cluster)["front"]
     assert same_bits(there.observations, alone.observations)
     np.testing.assert_allclose(there.camera.parameters, alone.camera.parameters, rtol=0, atol=1e-9)
+
+
+def test_what_the_second_look_gives_up_is_told_through_every_door(scene, tmp_path) -> None:
+    """A point of each view is put where it is not, and found elsewhere by the second look: it is given up."""
+    bag = WRITERS[".mcap"](tmp_path / "bag.mcap", messages(scene.images[:4], TOPIC))
+    images = write_folder(tmp_path / "front", scene.images[:4])
+    told = []
+    for source, topic, workers in ((images, "front", 0), (images, "front", 2), (bag, TOPIC, 0), (bag, TOPIC, 2)):
+        with open_recording(source) as opened, Collector(opened, scene.target, workers=workers) as collector:
+            run = collector.collect([topic])[topic]
+            frames = tuple(replace(frame, detection=_one_moved(frame.detection)) for frame in run.frames)
+            poses = dict(enumerate(spread_views(scene.target, VIEWS)[:4]))
+            again = collector.refine([Guide(replace(run, frames=frames), CAMERA, poses)])[topic]
+        told.append((again.observations(scene.target.object_points), again.points_given_up, again.summary()))
+    for observations, given_up, summary in told:
+        assert same_bits(observations, told[0][0]) and given_up == told[0][1] and sum(given_up.values()) >= 3
+        assert f"{sum(given_up.values())} points of the first look given up: " in summary
+
+
+def _one_moved(found: Detection) -> Detection:
+    pixels = found.pixels.copy()
+    pixels[len(found) // 2] += [1.6, 1.2]
+    return replace(found, pixels=pixels)
 
 
 def test_every_format_of_bags_gives_the_same(scene, tmp_path) -> None:

@@ -97,13 +97,19 @@ class ChessboardDetector:
                 break
         return sorted(patches, key=lambda patch: len(patch[0]), reverse=True)
 
-    def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
+    def detect_guided(
+        self,
+        image: np.ndarray,
+        camera: FisheyeCamera,
+        camera_from_target: np.ndarray,
+        first: Detection | None = None,
+    ) -> Detection:
         target = self.target
         half = np.full(len(self.lattice), 0.5 * min(target.spacing, target.row_spacing))
         # The square down and right of corner (column, row) is black where column + row is even.
         bright = np.where(self.lattice.sum(axis=1) % 2 == 0, -1.0, 1.0)
         around = Surroundings.plain(half, bright)
-        return find_guided(image, camera, camera_from_target, target.object_points, around)
+        return find_guided(image, camera, camera_from_target, target.object_points, around, first)
 
     def _complete(self, image: np.ndarray, cells: np.ndarray, rough: np.ndarray) -> Detection:
         """Refine and check a patch, add what it lacks, say which corner is which."""

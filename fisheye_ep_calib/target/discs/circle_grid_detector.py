@@ -21,6 +21,7 @@ from fisheye_ep_calib.target.discs.lattice_evidence import fits_neighbours, is_d
 from fisheye_ep_calib.target.discs.measurement import Measurement, measure_discs
 from fisheye_ep_calib.target.expected_features import expect_discs, pose_columns, stays_smooth
 from fisheye_ep_calib.target.labelling import Placement, label_patch
+from fisheye_ep_calib.target.second_look import SLACK, contradictions, places_of
 from fisheye_ep_calib.target.sharpness import why_not
 
 FEWEST_DISCS = 9  # of a view
@@ -104,7 +105,13 @@ class CircleGridDetector:
         reason = f"{count} of {total} discs" if count > 3 else best.detection.reason or NOT_FOUND
         return Detection(reason=reason, rejected=best.detection.rejected)
 
-    def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
+    def detect_guided(
+        self,
+        image: np.ndarray,
+        camera: FisheyeCamera,
+        camera_from_target: np.ndarray,
+        first: Detection | None = None,
+    ) -> Detection:
         reason = check_image(image)
         if reason:
             return Detection(reason=reason)
@@ -115,23 +122,30 @@ class CircleGridDetector:
         if len(index) == 0:
             return Detection(reason="board out of view")
         expected, shape = expected[index], shape[index]
-        if discs_are_light(image, expected, shape):
+        start, seen = places_of(first, index, expected)
+        if discs_are_light(image, start, shape):
             image = cv2.bitwise_not(image)
         hole = np.where(np.isin(index, self.target.holed), self.hole_ratio, 0.0)
-        discs = measure_discs(image, expected, shape, self.gap_ratio, hole, keep_shape=True)
-        good = discs.good.copy()
+        discs = measure_discs(image, start, shape, self.gap_ratio, hole, keep_shape=True)
+        whole, good = discs.good.copy(), discs.good.copy()
         if good.any():
             offset = discs.center[good] - expected[good]
             large = np.maximum(minor_axis(shape[good]) - LARGE, 0)
             usual = USUAL_ERROR + MODEL_ERROR * _typical(offset) + SIZE_ERROR * large
             columns = pose_columns(camera, camera_from_target, points[index[good]])
-            common = stays_smooth(points[index[good]], offset, usual, columns)
+            slack = np.where(seen[good], SLACK, 1.0)
+            common = stays_smooth(points[index[good]], offset, usual, columns, slack)
             common &= np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * minor_axis(shape[good])
             allowed = np.where(hole[good] > 0, np.inf, discs[good].size_error)
-            good[good] = common & stays_smooth(points[index[good]], discs[good].log_radius_ratio, allowed)
+            whole[good] = stays_smooth(points[index[good]], discs[good].log_radius_ratio, allowed)
+            good[good] = common
+        good &= whole
         if not good.any():
             return Detection(reason="board not found where the camera expects it", rejected=expected)
-        return Detection(index[good], discs.center[good], rejected=discs.center[~good])
+        moved = np.hypot(*(discs.center - start).T)
+        given_up = contradictions(index, seen, whole, moved, good, "blurred or partly covered")
+        good &= ~np.isin(index, list(given_up))
+        return Detection(index[good], discs.center[good], rejected=discs.center[~good], given_up=given_up)
 
     def _detect_at(self, image: np.ndarray, factor: int) -> _Found:
         """The best of the largest lattices, looked for in the image reduced by ``factor``."""

@@ -65,9 +65,15 @@ class MarkerBoardDetector:
             remarks.append("another board with the same markers is in view; the more complete one was taken")
         return replace(detection, remark="; ".join(remarks)) if len(detection) else detection
 
-    def detect_guided(self, image: np.ndarray, camera: FisheyeCamera, camera_from_target: np.ndarray) -> Detection:
+    def detect_guided(
+        self,
+        image: np.ndarray,
+        camera: FisheyeCamera,
+        camera_from_target: np.ndarray,
+        first: Detection | None = None,
+    ) -> Detection:
         # The colours about the corners are those of any reading, or all exchanged.
-        return find_guided(image, camera, camera_from_target, self.points, self.readings[0].around)
+        return find_guided(image, camera, camera_from_target, self.points, self.readings[0].around, first)
 
     def _measure(self, image: np.ndarray, board: Markers, place: np.ndarray, reading: Reading) -> Detection:
         points, around = self.points[:, :2], reading.around
