@@ -119,11 +119,11 @@ class DetectionRun:
         if self.interrupted:
             parts.append("interrupted")
         remarks = [frame.detection.remark for frame in self.views if frame.detection.remark]
-        told = [counted(remarks)] if remarks else []
+        also = [counted(remarks)] if remarks else []
         if given_up := self.points_given_up:
             reasons = ", ".join(f"{count} {why}" for why, count in given_up.items())
-            told.append(f"{sum(given_up.values())} points of the first look given up: {reasons}")
-        return "; ".join([", ".join(parts), *told])
+            also.append(f"{sum(given_up.values())} points of the first look given up: {reasons}")
+        return "; ".join([", ".join(parts), *also])
 
     def observations(self, object_points: np.ndarray, disc_radius: float | None = None) -> Observations:
         """Every view's points, for a target of ``object_points`` (n, 3) m.
