@@ -121,8 +121,8 @@ class DetectionRun:
         remarks = [frame.detection.remark for frame in self.views if frame.detection.remark]
         also = [counted(remarks)] if remarks else []
         if given_up := self.points_given_up:
-            reasons = ", ".join(f"{count} {why}" for why, count in given_up.items())
-            also.append(f"{sum(given_up.values())} points of the first look given up: {reasons}")
+            told = ", ".join(f"{count} {why}" for why, count in given_up.items())
+            also.append(f"{sum(given_up.values())} points of the first look given up: {told}")
         return "; ".join([", ".join(parts), *also])
 
     def observations(self, object_points: np.ndarray, disc_radius: float | None = None) -> Observations:
