@@ -24,7 +24,8 @@ class Structure:
 
     lens: key of LENSES. skew: whether it is estimated or zero. extras: names of LENS_EXTRAS that are estimated.
     board_shape: what the target may be: "flat", "bow" (three terms) or "free" (target/shape/). target_axis: the
-    paper's equation as printed; no camera.
+    paper's equation as printed; no camera. held: the camera stays as it is; poses and the target's shape alone are
+    estimated.
     """
 
     model: str = "ep_even"
@@ -34,6 +35,13 @@ class Structure:
     extras: tuple[str, ...] = ()
     board_shape: str = FLAT
     target_axis: bool = False
+    held: bool = False
+
+    @staticmethod
+    def of_camera(camera: FisheyeCamera, board_shape: str = FLAT) -> Structure:
+        """A camera that is known, held."""
+        terms, extras = len(camera.coefficients) or None, tuple(camera.extras)
+        return Structure(camera.model, terms, camera.lens, True, extras, board_shape, held=True)
 
     def __post_init__(self) -> None:
         if self.model not in PUPIL_FAMILIES:
@@ -62,6 +70,8 @@ class Structure:
     @property
     def parameter_count(self) -> int:
         """Shared parameters that are estimated."""
+        if self.held:
+            return len(WARP_NAMES) * (self.board_shape == BOW)
         extras = sum(len(LENS_EXTRAS[name].coefficient_names) for name in self.extras)
         lens = len(LENSES[self.lens].coefficient_names)
         return 4 + self.skew + lens + extras + self.pupil_terms + len(WARP_NAMES) * (self.board_shape == BOW)
@@ -114,7 +124,7 @@ class Structure:
 
     def free(self, camera: FisheyeCamera) -> np.ndarray:
         """bool (P,): which of camera.parameters are estimated."""
-        return np.array([name != "skew" or self.skew for name in camera.parameter_names])
+        return np.array([not self.held and (name != "skew" or self.skew) for name in camera.parameter_names])
 
 
 def _is_series_cut_short(lens: str, other: str) -> bool:

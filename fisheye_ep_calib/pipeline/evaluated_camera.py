@@ -17,6 +17,7 @@ from fisheye_ep_calib.calibration.evaluation_words import (
     evaluation_verdict,
     expected_rms,
 )
+from fisheye_ep_calib.calibration.selecting.evaluated_board import EvaluatedBoard, evaluated_board
 from fisheye_ep_calib.calibration.words import Verdict
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, repr=False, kw_only=True)
 class EvaluatedCamera(Evaluation):
     """camera_file: the camera that was measured. camera_source: on what. flat: the target was taken as its
-    file has it. board: the shape that it was given instead. path: of the camera file.
+    file has it. board: the shape that it was given instead; chosen: among which, and why. path: of the camera file.
     """
 
     camera_file: CameraFile
@@ -40,6 +41,7 @@ class EvaluatedCamera(Evaluation):
     flat: bool = True
     path: str = ""
     board: BoardShape | None = None
+    chosen: EvaluatedBoard | None = None
 
     @property
     def observations(self) -> Observations:
@@ -54,24 +56,23 @@ class EvaluatedCamera(Evaluation):
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What stands out by angle, distance and view."""
-        return evaluation_findings(self, self.observations, self.camera_file.camera.theta_max)
+        """What stands out by angle, distance and view, and of the board."""
+        found = evaluation_findings(self, self.observations, self.camera_file.camera.theta_max)
+        of_board = None if self.chosen is None else self.chosen.finding
+        return found if of_board is None else (*found, of_board)
 
     @property
     def board_words(self) -> str:
         """What shape the target was given, and where that came from."""
-        if self.board is not None and self.board is self.observations.board:
-            return f"the board has the shape that its own file brings: {self.board.sentence}"
-        if self.board is not None:
-            return f"the board has the shape that the calibration measured: {self.board.sentence}"
-        if not self.flat:
+        if not self.flat and self.board is None:
             return "the board has the bow that the calibration found"
-        board = self.camera_file.board
-        if board is not None and board.bends and not board.same_target(self.observations.object_points):
-            return "another board than the calibration's: taken as its file has it"
-        if board is None and self.camera_file.board_warp.any():
+        if self.chosen is None:
+            return "the board is taken as its file has it"
+        known = self.camera_file.board
+        if known is None and self.flat and self.camera_file.board_warp.any():
             return "the board is taken as its file has it, the calibration found it bent: `board_warp` takes its bow"
-        return "the board is taken as its file has it"
+        another = known is not None and known.bends and not known.same_target(self.observations.object_points)
+        return f"another board than the calibration's: {self.chosen.sentence}" if another else self.chosen.sentence
 
     @property
     def verdict(self) -> Verdict:
@@ -81,7 +82,8 @@ class EvaluatedCamera(Evaluation):
     def to_dict(self) -> dict[str, Any]:
         """What ``evaluate --json`` prints."""
         content = evaluation_content(self, self.observations, self.expected_rms_px, self.verdict, self.findings)
-        return {**content, "board": self.board_words}
+        shape = {} if self.chosen is None else {"board_shape": self.chosen.to_dict()}
+        return {**content, "board": self.board_words, **shape}
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write one HTML page with all figures, and the images as far as they can still be read."""
@@ -141,29 +143,25 @@ def evaluate(
     """Measure a camera on observations: every view's pose is refitted, the camera stays as it is.
 
     camera: a camera alone, a calibration, a camera file or its path; what the last three know of their noise tells
-    what is to be expected. The target has the shape that the calibration found where it is the same target, and the
-    observations do not bring one. board_warp: give it the bow alone that was found.
+    what is to be expected. The target has the shape that predicts views left out best: as its file has it, as the
+    calibration measured it, or estimated here (selecting/evaluated_board.py). board_warp: give it the bow alone that
+    the calibration found.
     """
     camera_file = known_camera(camera)
     source = CameraSource("camera", observations) if isinstance(observations, Observations) else observations
     warp = camera_file.board_warp if board_warp else None
-    board = None if board_warp else _board_for(camera_file, source.observations)
+    chosen = None
+    if not board_warp:
+        chosen = evaluated_board(camera_file.camera, source.observations, camera_file.board, disc_centers)
+    board = None if chosen is None else chosen.board
     evaluation = evaluate_camera(camera_file.camera, source.observations, warp, disc_centers, board)
     values = {field.name: getattr(evaluation, field.name) for field in fields(evaluation)}
-    path = str(camera) if isinstance(camera, str | PathLike) else ""
     return EvaluatedCamera(
         **values,
         camera_file=camera_file,
         camera_source=source,
         flat=board is None and not board_warp,
-        path=path,
+        path=str(camera) if isinstance(camera, str | PathLike) else "",
         board=board,
+        chosen=chosen,
     )
-
-
-def _board_for(camera_file: CameraFile, observations: Observations) -> BoardShape | None:
-    """The target's shape: as the observations have it, or as it was when the camera was calibrated with this target."""
-    if observations.board is not None:
-        return observations.board
-    board = camera_file.board
-    return board if board is not None and board.bends and board.same_target(observations.object_points) else None

@@ -161,7 +161,7 @@ def test_show_reads_a_plain_camera_info_file(command, tmp_path) -> None:
 def test_evaluate_measures_the_camera_on_other_views(command, camera_file, observation_file) -> None:
     content = command("evaluate", camera_file, observation_file, "--json").json
     names = {"rms_px", "expected_rms_px", "median_px", "p95_px", "views", "points", "failed_views", "verdict"}
-    assert content.keys() == names | {"findings", "verdict_level", "worst_views", "board"}
+    assert content.keys() == names | {"findings", "verdict_level", "worst_views", "board", "board_shape"}
     assert (
         0.9 < content["rms_px"] / content["expected_rms_px"] < 1.1 and "holds on this recording" in content["verdict"]
     )

@@ -7,15 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, adjust, residuals
-from fisheye_ep_calib.calibration.estimating.fit import MIN_POINTS, Sightings, of_images, sightings_of, why_no_pose
+from fisheye_ep_calib.calibration.estimating.fit import (
+    MIN_POINTS,
+    Fit,
+    Sightings,
+    of_images,
+    sightings_of,
+    why_no_pose,
+)
 from fisheye_ep_calib.calibration.estimating.pose_repair import ray_poses
 from fisheye_ep_calib.calibration.estimating.views import view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
+from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.measured import BoardShape
-from fisheye_ep_calib.target.shape.model import ShapeState, bow_model, flat_model
+from fisheye_ep_calib.target.shape.model import BOW, ShapeState, bow_model
 
 _FAR_OFF = 0.01  # of the image's longer side: a first pose with a larger median error is refitted before it is judged
 _LOST = 0.05  # of the image's longer side: a view whose median error stays above has no pose
@@ -51,13 +59,28 @@ def evaluate_camera(
 
     theta_max is not enforced: sightings beyond the calibration's evidence are measured as well.
     """
+    return measured(*posed_views(camera, observations, board_warp, disc_centers, board))
+
+
+def posed_views(
+    camera: FisheyeCamera,
+    observations: Observations,
+    board_warp: np.ndarray | None = None,
+    disc_centers: str = "unbiased",
+    board: BoardShape | None = None,
+) -> tuple[Fit, dict[int, str]]:
+    """Poses of a target of known shape beside a camera that is held; image number → why it has none.
+
+    Takes the arguments of ``evaluate_camera``.
+    """
     if camera.image_size != observations.image_size:
         raise InputError(
             f"the camera has {camera.image_size[0]}×{camera.image_size[1]} pixels, the observations "
             f"{observations.image_size[0]}×{observations.image_size[1]}"
         )
     camera = replace(camera, theta_max=np.pi)
-    sightings = sightings_of(observations, disc_centers)
+    given = observations if board is None else replace(observations, board=board)
+    sightings = sightings_of(given, disc_centers)
     failed = {
         int(image): why_no_pose(observations, int(image))
         for image in np.setdiff1d(np.unique(observations.image_index), sightings.images)
@@ -68,7 +91,7 @@ def evaluate_camera(
         sightings.blocks,
         sightings.features,
         np.zeros(len(camera.parameters), dtype=bool),
-        bow_model(sightings.target if board is None else flat_model(observations.object_points, board.local)),
+        bow_model(sightings.target),
         shape_free=False,
         theta_limit=camera.theta_limit,
     )
@@ -82,15 +105,20 @@ def evaluate_camera(
     outside = _views_where(_invalid_count(problem, state, sightings) > 0, sightings)
     failed |= dict.fromkeys(outside, "the camera cannot project all of its points")
     problem, state, sightings = _without(outside, problem, state, sightings)
-    state = adjust(problem, state).state
-    error, theta, _ = residuals(problem, state, len(observations.pixels))
-    used = np.isfinite(error[:, 0]) & (observations.weights > 0)
-    length = np.hypot(error[used, 0], error[used, 1]) * observations.weights[used]
+    return Fit(Structure.of_camera(camera, BOW), sightings, problem, adjust(problem, state)), failed
+
+
+def measured(fit: Fit, failed: dict[int, str]) -> Evaluation:
+    """What is left of the residuals beside a camera that is held."""
+    error, theta, _ = fit.residuals
+    weights = fit.sightings.observations.weights
+    used = np.isfinite(error[:, 0]) & (weights > 0)
+    length = np.hypot(error[used, 0], error[used, 1]) * weights[used]
     return Evaluation(
         error,
         theta,
-        sightings.images,
-        state.camera_from_target,
+        fit.sightings.images,
+        fit.state.camera_from_target,
         failed,
         float(np.sqrt((length**2).mean())),
         float(np.median(length)),

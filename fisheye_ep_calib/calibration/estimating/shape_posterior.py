@@ -142,6 +142,8 @@ class Linearisation:
 
 def inverse_and_log_determinant(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     """Inverse and log-determinant of a symmetric positive definite matrix, its diagonal scaled to one meanwhile."""
+    if len(matrix) == 0:
+        return matrix, 0.0
     from scipy.linalg import lapack  # half a second that a command's --help need not wait for
 
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))

@@ -18,7 +18,7 @@ import numpy as np
 from fisheye_ep_calib.arrays import BoolArray
 from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, refine, with_weights
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
-from fisheye_ep_calib.calibration.estimating.robust import Loss, robust_spread
+from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss, robust_spread
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
@@ -28,12 +28,13 @@ from fisheye_ep_calib.target.shape.model import BOW, FLAT
 
 _LIMIT = 6.0  # σ per axis; a Gaussian residual exceeds it once in 65 million
 _LIMIT_SHAPED = 10.0  # once the board's own error is gone: what is left are detectors' errors, whose tails are heavy
+_GROSS = 20.0  # where no camera or shape is estimated yet
 _HUBER = 1.345  # σ; 95 % efficient on Gaussian residuals
 _QUANTILE = 0.75
 _WORST_SHARE = 0.5  # of a view's points: beyond it the whole view is wrong
 _SUSPICIOUS = 1.0  # px RMS; a worse fit may have been dragged off by errors that it no longer shows
 _ROUNDS = 8
-_DRAGGED = 20.0  # px RMS: no board bends as much
+DRAGGED = 20.0  # px RMS: no board bends as much
 _FEW, _FAR = 0.01, 50.0  # share of the sightings, and σ: fewer and nearer ones do not move a fit that is otherwise good
 _HUBER_ROUNDS = 2
 _ROUGH = 1e-6  # tolerance of fits of which one goes on
@@ -70,6 +71,21 @@ def has_outliers(fit: Fit) -> bool:
     length = _lengths(fit, fit.sightings.observations.weights)[_used(fit)]
     least = _LEAST_SIGMA * fit.sightings.usual_weight
     return bool(length.max() > _limit(fit) * max(robust_spread(length, _QUANTILE), least))
+
+
+def without_gross_errors(fit: Fit) -> Fit:
+    """A fit without sightings that no board bends to, judged under a Cauchy loss; itself where there are none."""
+    weights = fit.sightings.observations.weights
+    spread = max(
+        robust_spread(_lengths(fit, weights)[_used(fit)], _QUANTILE), _LEAST_SIGMA * fit.sightings.usual_weight
+    )
+    robust = refine(fit, fit.structure, loss=Loss("cauchy", 2 * spread))
+    length = _lengths(robust, weights)
+    least = _LEAST_SIGMA * fit.sightings.usual_weight
+    limit = _GROSS * max(robust_spread(length[_used(robust)], _QUANTILE), least)
+    if not (length[_used(robust)] > limit).any():
+        return fit
+    return refine(robust, fit.structure, with_weights(fit.sightings, np.where(length > limit, 0.0, weights)), LINEAR)
 
 
 def _limit(fit: Fit) -> float:
@@ -120,7 +136,7 @@ def screen_with_shape(fit: Fit, families: Sequence[str]) -> Screening:
         (refine(fit, rich, tolerance=_ROUGH) for rich in richest),
         key=lambda candidate: candidate.adjustment.equations.cost,
     )
-    if plain.rms_px < _DRAGGED * fit.sightings.usual_weight:
+    if plain.rms_px < DRAGGED * fit.sightings.usual_weight:
         shaped = with_estimated_shape(plain, plain.structure)
         if _is_clean(shaped):
             return Screening(shaped, (), ())
