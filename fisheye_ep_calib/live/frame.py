@@ -12,7 +12,8 @@ from fisheye_ep_calib.calibration.assessing.evaluation import where_to_look_agai
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.overlay import OverlayRequest, draw_overlay
-from fisheye_ep_calib.storage.images import decode_compressed, decode_image
+from fisheye_ep_calib.storage.grey_levels import to_eight_bits, to_levels
+from fisheye_ep_calib.storage.images import grey_image, grey_of_compressed
 from fisheye_ep_calib.target import Detection, Detector, Target
 from fisheye_ep_calib.target.second_look import look_again
 
@@ -70,14 +71,17 @@ def detect_in_frame(
 ) -> Sighting:
     """Decode a frame and find the target in it, a second time where the camera, if one is known, says that it is.
 
+    The second time it is measured in the frame's own depth.
+
     Raises InputError for a frame that cannot be decoded.
     """
-    image = decode_compressed(frame) if frame.compressed else decode_image(frame)
+    grey = grey_of_compressed(frame) if frame.compressed else grey_image(frame)
+    image = to_eight_bits(grey)
     height, width = image.shape
     detector = target.detector()
     detection = detector.detect(image)
     if camera is not None and camera.image_size == (width, height):
-        detection = second_look(detector, image, detection, target, camera)
+        detection = second_look(detector, to_levels(grey), detection, target, camera)
     picture = draw_overlay(image, detection, overlay) if overlay else None
     return Sighting(frame.name, (width, height), detection, picture)
 

@@ -117,7 +117,12 @@ def checked_samples(message: Message) -> tuple[np.ndarray, Layout]:
 
 def decode_compressed(message: Message) -> np.ndarray:
     """sensor_msgs/CompressedImage (JPEG or PNG, whatever its ``format`` says) → grey (h, w) uint8."""
-    return decode_file_content(as_bytes(message.data))
+    return to_eight_bits(grey_of_compressed(message))
+
+
+def grey_of_compressed(message: Message) -> np.ndarray:
+    """sensor_msgs/CompressedImage → grey (h, w) of its own depth: uint8, uint16 or float32. Raises InputError."""
+    return grey_of_samples(decoded_file(as_bytes(message.data)))
 
 
 def decode_file_content(content: bytes | np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.live.frame import RawFrame, detect_in_frame, second_look
 from fisheye_ep_calib.simulation import Imaging, look_pose, paper_camera, paper_target, render
 from fisheye_ep_calib.simulation.truth import feature_pixels
+from fisheye_ep_calib.storage.grey_levels import to_eight_bits, to_levels
 from fisheye_ep_calib.target import Detection, Target, load_target
 
 HALVED = ("fx", "fy", "skew", "cx", "cy")
@@ -77,3 +78,30 @@ def test_only_frames_of_the_cameras_size_and_with_a_camera_are_looked_at_twice(m
     for camera, looks in ((None, 0), (full, 0), (small_camera(), 1)):
         sighting = detect_in_frame(frame, target, camera)
         assert len(sighting.detection) > 70 and sighting.image_size == (1024, 1024) and len(looked) == looks
+
+
+@pytest.mark.parametrize("name", ["circle_grid_11x7", "chessboard_9x6", "charuco_10x7", "aprilgrid_6x5"])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_deep_frame_is_measured_in_its_own_depth(name: str, compressed: bool) -> None:
+    """Twelve bits beside a lamp: the second look has them all."""
+    target = load_target(name)
+    _, pose = seen(target, 45)
+    bright = render(small_camera(), target, pose, Imaging(blur=1.0, noise=0.0))
+    deep = (900 + 12 * cv2.GaussianBlur(bright.astype(np.float32), (0, 0), 0.5)).astype(np.uint16)
+    deep[5:60, 5:60] = 65535
+    if compressed:
+        frame = RawFrame("one", cv2.imencode(".png", deep)[1].tobytes(), compressed=True)
+    else:
+        frame = RawFrame("one", deep.tobytes(), False, *deep.shape, "mono16", 0, 2 * deep.shape[1])
+    found = detect_in_frame(frame, target, small_camera()).detection
+    levels = to_levels(deep)
+    again = second_look(
+        target.detector(), levels, target.detector().detect(to_eight_bits(deep)), target, small_camera()
+    )
+    rounded = second_look(
+        target.detector(), to_eight_bits(deep), target.detector().detect(to_eight_bits(deep)), target, small_camera()
+    )
+    assert levels.dtype == np.float32 and len(found) > 0.9 * len(target.object_points)
+    assert found.pixels.tobytes() == again.pixels.tobytes() != rounded.pixels.tobytes()
+    truth, _ = feature_pixels(small_camera(), target, pose)
+    assert np.median(np.hypot(*(found.pixels - truth[found.point_index]).T)) < 0.1

@@ -63,3 +63,16 @@ def test_projection_uncertainty_is_smallest_where_the_boards_were(good):
     near = int(np.argmin(np.abs(table.distance_m - 0.1)))
     assert (table.sigma_px > 0).all()
     assert (table.sigma_px[:, near] <= table.sigma_px[:, -1] * 1.05).mean() > 0.7
+
+
+@pytest.mark.parametrize("times", [1.0, 0.1, 200.0])
+def test_lengths_in_another_unit_are_told(times):
+    """A board 200 times as large stands 26 m away, before a lens whose pupil moves by a foot; but a wall may be large."""
+    target = replace(TARGET, object_points=TARGET.object_points * times, disc_radius=TARGET.disc_radius * times)
+    seen = observe(paper_camera(), TARGET, paper_poses(TARGET, 0), 0.05, 0)
+    misread = replace(seen, object_points=target.object_points, disc_radius=target.disc_radius)
+    told = findings(calibrate(misread, "ep_even")).get("units")
+    assert (told is not None and told.concern) == (times == 200.0)
+    if told is not None:
+        assert told.values["distance_m"] == pytest.approx(25, abs=5) and "lengths in metres?" in told.sentence
+        assert told.values["pupil_mm"] > 50
