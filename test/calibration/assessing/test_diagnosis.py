@@ -67,7 +67,7 @@ def test_projection_uncertainty_is_smallest_where_the_boards_were(good):
 
 @pytest.mark.parametrize("times", [1.0, 0.1, 200.0])
 def test_lengths_in_another_unit_are_told(times):
-    """A board 200 times as large stands 26 m away, before a lens whose pupil moves by a foot; but a wall may be large."""
+    """A board 200 times as large stands 26 m away, before a lens whose pupil moves by a foot; a wall may be large."""
     target = replace(TARGET, object_points=TARGET.object_points * times, disc_radius=TARGET.disc_radius * times)
     seen = observe(paper_camera(), TARGET, paper_poses(TARGET, 0), 0.05, 0)
     misread = replace(seen, object_points=target.object_points, disc_radius=target.disc_radius)
