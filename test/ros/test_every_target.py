@@ -13,7 +13,7 @@ from fisheye_ep_calib.simulation import render
 from fisheye_ep_calib.target.registry import TARGETS
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]
-VIEWS = 12
+VIEWS = 13  # a prime: whoever takes only every second, third or fourth frame of the loop still sees each of them
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -35,5 +35,5 @@ def test_images_of_it_become_a_camera(start_calibrator, start_publisher, probe, 
     calibrator.wait_to_say("view 10 kept")
     answer = probe.call(Trigger, "/calibrator/calibrate")
     assert answer.success, answer.message
-    check_near_truth(load_camera(tmp_path / "front.yaml"), pixels=0.4)
+    check_near_truth(load_camera(tmp_path / "front.yaml"))
     assert calibrator.interrupt()[0] == 0 and "Traceback" not in calibrator.output
