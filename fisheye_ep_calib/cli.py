@@ -13,6 +13,7 @@ import sys
 import threading
 
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.plain_text import one_line
 
 TYPE_CHECKING = False  # typing's own would have to be imported
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def _in_options(message: str, arguments: argparse.Namespace | None) -> str:
 
 
 def _fail(message: str, code: int) -> int:
-    print(f"{PROGRAM}: error: {message}", file=sys.stderr)
+    print(f"{PROGRAM}: error: {one_line(message)}", file=sys.stderr)
     return code
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import FREE
 
@@ -22,7 +23,7 @@ def checked_keys(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     """The arguments of ``Observations.create``, from the file's arrays; lengths become metres. Raises InputError."""
     metres = METRES_PER_UNIT.get(_text(arrays["unit"]))
     if metres is None:
-        raise InputError(f'unit must be "mm" or "m", not {_text(arrays["unit"])!r}')
+        raise InputError(f'unit must be "mm" or "m", not {shown(_text(arrays["unit"]))}')
     image_index = whole_numbers("image_index", _real_numbers("image_index", arrays["image_index"]))
     if image_index.size and image_index.max() >= _MOST_IMAGES:
         raise InputError(f"image_index reaches {image_index.max()}; at most {_MOST_IMAGES} images are read")

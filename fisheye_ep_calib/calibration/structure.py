@@ -10,6 +10,7 @@ from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES, Fisheye
 from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.model import BOW, FLAT
 
@@ -45,12 +46,12 @@ class Structure:
 
     def __post_init__(self) -> None:
         if self.model not in PUPIL_FAMILIES:
-            raise InputError(f"unknown model {self.model!r}; known: {', '.join(PUPIL_FAMILIES)}, auto")
+            raise InputError(f"unknown model {shown(self.model)}; known: {', '.join(PUPIL_FAMILIES)}, auto")
         if self.lens not in LENSES:
-            raise InputError(f"unknown lens {self.lens!r}; known: {', '.join(LENSES)}")
+            raise InputError(f"unknown lens {shown(self.lens)}; known: {', '.join(LENSES)}")
         for name in self.extras:
             if name not in LENS_EXTRAS:
-                raise InputError(f"unknown lens extra {name!r}; known: {', '.join(LENS_EXTRAS)}")
+                raise InputError(f"unknown lens extra {shown(name)}; known: {', '.join(LENS_EXTRAS)}")
         most = PUPIL_FAMILIES[self.model].max_terms
         if self.terms is not None and self.model != CENTRAL_MODEL and self.terms not in range(1, most + 1):
             raise InputError(f"{self.model} takes 1 to {most} terms, not {self.terms}")

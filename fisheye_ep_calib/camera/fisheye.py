@@ -25,6 +25,7 @@ from fisheye_ep_calib.camera.pupils import (
     entrance_pupil_derivative,
 )
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import shown
 
 FAR = 1e6  # metres, in place of infinity: a pupil's shift has no effect there
 
@@ -63,9 +64,9 @@ class FisheyeCamera:
 
     def __post_init__(self) -> None:
         if self.model not in tuple(PUPIL_FAMILIES):
-            raise InputError(f"unknown model {self.model!r}; known: {', '.join(PUPIL_FAMILIES)}")
+            raise InputError(f"unknown model {shown(self.model)}; known: {', '.join(PUPIL_FAMILIES)}")
         if self.lens not in tuple(LENSES):
-            raise InputError(f"unknown lens {self.lens!r}; known: {', '.join(LENSES)}")
+            raise InputError(f"unknown lens {shown(self.lens)}; known: {', '.join(LENSES)}")
         try:
             self._own_values()
         except (TypeError, ValueError, AttributeError):
@@ -78,7 +79,7 @@ class FisheyeCamera:
             raise InputError(f"{self.model} takes at most {self.pupil_family.max_terms} pupil coefficients")
         for name, values in self.extras.items():
             if name not in LENS_EXTRAS or len(values) != len(LENS_EXTRAS[name].coefficient_names):
-                raise InputError(f"unknown lens extra {name!r} or wrong number of its coefficients")
+                raise InputError(f"unknown lens extra {shown(name)} or wrong number of its coefficients")
         if not np.isfinite(self.parameters).all():
             raise InputError("camera parameters must be finite")
         if self.fx <= 0 or self.fy <= 0 or not 0 < self.theta_max <= np.pi:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from fisheye_ep_calib.camera.pupils import PUPIL_FAMILIES, entrance_pupil
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import shown
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class PupilLeftOpen:
         """Checked. Raises InputError."""
         values, spread = np.array(coefficients, dtype=float), np.array(covariance, dtype=float)
         if model not in PUPIL_FAMILIES or not 0 < len(values) <= PUPIL_FAMILIES[model].max_terms:
-            raise InputError(f"pupil_left_open: {model!r} has no such coefficients")
+            raise InputError(f"pupil_left_open: {shown(model)} has no such coefficients")
         if spread.shape != (len(values),) * 2 or not (np.isfinite(values).all() and np.isfinite(spread).all()):
             raise InputError("pupil_left_open: coefficients and covariance must be finite and fit each other")
         return PupilLeftOpen(model, tuple(values.tolist()), tuple(map(tuple, spread.tolist())))

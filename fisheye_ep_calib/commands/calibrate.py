@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,7 @@ from fisheye_ep_calib.pipeline.writing import (
     write_camera,
     write_observations,
 )
-from fisheye_ep_calib.storage.json_text import json_text
+from fisheye_ep_calib.storage.json_text import json_text, read_json
 from fisheye_ep_calib.storage.results_folder import results_folder
 
 DESCRIPTION = (
@@ -227,8 +226,8 @@ def _refuse_taken(output: Path, names: list[str], arguments: argparse.Namespace)
 def _earlier_results(output: Path) -> set[Path]:
     """What an earlier calibration has left in the folder, as far as its record tells; relative paths."""
     try:
-        names = json.loads((output / RECORD).read_text("utf-8"))["cameras"]
+        names = read_json(output / RECORD)["cameras"]
         files = [PAGE, *(f"{name}.yaml" for name in names)]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (InputError, KeyError, TypeError):
         return set()
     return {Path(file) for file in files if (output / file).exists()}

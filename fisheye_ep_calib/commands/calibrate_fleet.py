@@ -22,7 +22,7 @@ from fisheye_ep_calib.errors import InputError, Interrupted
 from fisheye_ep_calib.pipeline.writing import RECORD
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.folder_owner import FolderOwner
-from fisheye_ep_calib.storage.json_text import json_text
+from fisheye_ep_calib.storage.json_text import json_text, read_json
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.target import Target, load_target
 from fisheye_ep_calib.worker_processes import usable_cores
@@ -177,11 +177,11 @@ def _say_what_differs(finished: list[Device], arguments: argparse.Namespace) -> 
     for device in finished:
         folder = arguments.output / device.name
         try:
-            made = json.loads((folder / RECORD).read_text("utf-8"))
+            made = read_json(folder / RECORD)
             changed = [key for key, value in made["options"].items() if key in given and given[key] != value]
             sources = {camera["inputs"]["source"] for camera in made["cameras"].values()}
             samples = [load_observations(folder / "observations" / f"{name}.npz") for name in list(made["cameras"])[:1]]
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
+        except (ValueError, KeyError, TypeError, AttributeError, InputError):
             continue
         other = [f"another --{key.replace('_', '-')}" for key in changed]
         if target is not None and any(not _shows(sample, target) for sample in samples):

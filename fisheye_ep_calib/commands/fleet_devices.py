@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import read_text_outside
 from fisheye_ep_calib.pipeline.names import numbered_alike, safe_name
 from fisheye_ep_calib.storage.sources.find import bag_suffix
 from fisheye_ep_calib.storage.sources.image_files import is_image_file, natural_order
@@ -55,14 +56,7 @@ def _entries(folder: Path) -> list[Path]:
 
 def _listed(path: Path) -> list[Path]:
     """A path a line, relative to the list's folder; a # at a line's start or after a space begins a comment."""
-    try:
-        if path.stat().st_size > MAX_LIST_BYTES:
-            raise InputError(f"{path} is too long for a list of paths")
-        lines = path.read_text("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is no text; give a folder of devices, or a text file with a path a line") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    lines = read_text_outside(path, MAX_LIST_BYTES, "list").splitlines()
     listed = [re.sub(r"(^|\s)#.*", "", line).strip() for line in lines]
     paths = [path.parent / path_text for path_text in listed if path_text]
     if not paths:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline.writing import RECORD
 from fisheye_ep_calib.storage.camera_content import camera_content
 from fisheye_ep_calib.storage.camera_file import read_camera_file
+from fisheye_ep_calib.storage.json_text import read_json
 
 ANGLES = (30, 60, 80)
 FEWEST = 4  # devices, before any of them can be called odd
@@ -35,21 +35,21 @@ def device_rows(device: str, folder: Path) -> list[Row]:
     """A row a camera of a finished device. Raises InputError where its results cannot be read."""
     record = folder / RECORD
     try:
-        content = json.loads(record.read_text("utf-8"))
+        content = read_json(record)
         rows = [_row(device, name, figures, folder) for name, figures in content["cameras"].items()]
         failed = {name: str(reason) for name, reason in content.get("failed", {}).items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (InputError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{record} cannot be read ({type(error).__name__}: {error})") from None
     return rows + [failed_row(device, failed[name], name) for name in failed if name not in content["cameras"]]
 
 
 def is_finished(folder: Path) -> bool:
     """Whether a device has results, and none of its cameras failed. What cannot be read is for a person to see."""
-    try:
-        content = json.loads((folder / RECORD).read_text("utf-8"))
-    except FileNotFoundError:
+    if not (folder / RECORD).exists():
         return False
-    except (OSError, ValueError):
+    try:
+        content = read_json(folder / RECORD)
+    except InputError:
         return True
     return not (isinstance(content, dict) and content.get("failed"))
 

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import read_text_outside
 from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.report.printing import write_target
 from fisheye_ep_calib.target import Target, load_target, shipped_files
 from fisheye_ep_calib.target.registry import TARGETS, same_kind
+from fisheye_ep_calib.yaml_file import MOST_BYTES
 
 DESCRIPTION = (
     "Write a target true to scale, to print at 100 % (no 'fit to page'). A 100 mm line on the page shows whether the\n"
@@ -74,5 +76,5 @@ def _new(wanted: str) -> str:
     files = shipped_files()
     for name, path in files.items():
         if name == wanted or same_kind(load_target(path).kind, wanted):
-            return path.read_text(encoding="utf-8")
+            return read_text_outside(path, MOST_BYTES, "target")
     raise InputError(f"--new {wanted}: give a kind, {', '.join(TARGETS)}, or a shipped name, {', '.join(files)}")

@@ -16,7 +16,9 @@ from fisheye_ep_calib.camera.bands import entrance_pupil_band
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, plain_camera_info
 from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.live.advice import Advice, advise
+from fisheye_ep_calib.outside import read_text_outside
 from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
+from fisheye_ep_calib.yaml_file import MOST_BYTES
 
 PUPIL_ANGLES = (30, 60, 80)  # degrees at which E(θ) and its band are told
 # What is told of a calibration, by the names that every JSON of the package has for it (calibration/content.py).
@@ -97,7 +99,7 @@ def outcome_of_file(path: Path) -> Outcome:
     return Outcome(
         camera=file.camera,
         stand_in=file.stand_in,
-        yaml=path.read_text(encoding="utf-8"),
+        yaml=read_text_outside(path, MOST_BYTES, "camera"),
         info=plain_camera_info(file.stand_in),
         figures=figures,
         covariance=file.covariance,

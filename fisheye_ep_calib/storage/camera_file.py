@@ -22,6 +22,7 @@ from fisheye_ep_calib.camera.camera_info import camera_info_content, plain_camer
 from fisheye_ep_calib.camera.left_open import PupilLeftOpen
 from fisheye_ep_calib.camera.parameters import PIXEL_NAMES
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.content import board_content, parse_board
@@ -200,7 +201,7 @@ def _camera_file(content: dict[str, Any]) -> CameraFile:
     if block is None:
         return CameraFile(name, stand_in, stand_in, np.zeros((len(stand_in.parameters),) * 2))
     if block["schema"] != SCHEMA:
-        raise InputError(f"schema {block['schema']!r} of entrance_pupil is not known here; known: {SCHEMA}")
+        raise InputError(f"schema {shown(block['schema'])} of entrance_pupil is not known here; known: {SCHEMA}")
     intrinsics = block["intrinsics"]
     extras = {extra: tuple(_floats(block[extra])) for extra in LENS_EXTRAS if extra in block}
     parameters = block.get("parameters", ())
@@ -243,7 +244,7 @@ def _camera_file(content: dict[str, Any]) -> CameraFile:
 def _stand_in(content: dict[str, Any]) -> FisheyeCamera:
     """The single-viewpoint camera of the top level."""
     if content["distortion_model"] != "equidistant":
-        raise InputError(f"distortion_model {content['distortion_model']!r} is not equidistant")
+        raise InputError(f"distortion_model {shown(content['distortion_model'])} is not equidistant")
     matrix = np.array(_floats(content["camera_matrix"]["data"])).reshape(3, 3)
     size = operator.index(content["image_width"]), operator.index(content["image_height"])
     if not (0 < size[0] <= 1 << 16 and 0 < size[1] <= 1 << 16):

@@ -7,6 +7,8 @@ import shutil
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import open_outside
+from fisheye_ep_calib.plain_text import shown
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 BLOCK = 2**22
@@ -20,7 +22,7 @@ def decompress(content: bytes, kind: str, limit: int) -> bytes:
     if kind in ("", "none"):
         return content
     if kind not in DECOMPRESSORS:
-        raise InputError(f"the compression {kind[:20]!r} is not known")
+        raise InputError(f"the compression {shown(kind[:20])} is not known")
     try:
         data = DECOMPRESSORS[kind](content, limit + 1)
     except ModuleNotFoundError as error:
@@ -68,7 +70,7 @@ def decompress_file(source: Path, destination: Path) -> str:
         raise InputError(f"{source}: reading it needs the Python package zstandard") from None
     # Recordings do not compress a thousandfold; what does would fill the disk on purpose.
     room = min(shutil.disk_usage(destination.parent).free - 2**28, 2**30 + 1000 * source.stat().st_size)
-    with open(source, "rb") as packed, open(destination, "wb") as unpacked:
+    with open_outside(source) as packed, open(destination, "wb") as unpacked:
         reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
         while True:
             try:

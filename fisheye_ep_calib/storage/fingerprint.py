@@ -6,6 +6,9 @@ import hashlib
 import os
 from pathlib import Path
 
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import open_outside, read_outside
+
 _WHOLE = 64 << 20  # bytes: a larger file is told by its size, its time of change, its first and its last part
 _PART = 1 << 20
 
@@ -27,15 +30,15 @@ def fingerprint(path: str | os.PathLike[str]) -> str | None:
             return f"partial-sha256:{digest.hexdigest()}"
         if path.stat().st_size > _WHOLE:
             return f"partial-sha256:{hashlib.sha256(_partial(path)).hexdigest()}"
-        return f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
-    except OSError:
+        return f"sha256:{hashlib.sha256(read_outside(path, _WHOLE)).hexdigest()}"
+    except (OSError, InputError):
         return None
 
 
 def _partial(path: Path) -> bytes:
     status = path.stat()
     digest = hashlib.sha256(f"{status.st_size} {status.st_mtime_ns}".encode())
-    with open(path, "rb") as file:
+    with open_outside(path) as file:
         digest.update(file.read(_PART))
         file.seek(max(status.st_size - _PART, 0))
         digest.update(file.read(_PART))

@@ -58,7 +58,7 @@ class FolderOwner:
         return self.folder / LOCK
 
     def _take(self) -> None:
-        lock = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+        lock = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

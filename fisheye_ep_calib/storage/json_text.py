@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import json
 import math
+from os import PathLike
 from typing import Any
+
+from fisheye_ep_calib.errors import InputError, first_line
+from fisheye_ep_calib.outside import read_outside
+from fisheye_ep_calib.plain_text import one_line
+
+_MOST_BYTES = 1 << 26
 
 
 def json_text(content: dict[str, Any]) -> str:
     """One line that every JSON reader takes: ASCII, NaN as null, infinities as the words inf and -inf."""
     return json.dumps(plain(content), allow_nan=False)
+
+
+def read_json(path: str | PathLike[str]) -> Any:
+    """What a JSON file says. Raises InputError."""
+    try:
+        return json.loads(read_outside(path, _MOST_BYTES, "JSON"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{one_line(path)} is not valid JSON: {one_line(first_line(error), 200)}") from None
 
 
 def plain(value: Any) -> Any:

@@ -15,6 +15,7 @@ import yaml
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.camera_info import plain_camera_info
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.rig.result import RigCalibration
 from fisheye_ep_calib.yaml_file import read_yaml
 
@@ -132,7 +133,7 @@ def load_rig(path: str | PathLike[str]) -> RigFile:
     content = read_yaml(path, "rig")
     try:
         if content["schema"] != SCHEMA:
-            raise InputError(f"schema {content['schema']!r} is not known here; known: {SCHEMA}")
+            raise InputError(f"schema {shown(content['schema'])} is not known here; known: {SCHEMA}")
         cameras = {str(name): dict(block) for name, block in content["cameras"].items()}
         return RigFile(
             str(content["reference"]),

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError, first_line
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.storage.image_header import MAX_PIXELS, check_size
 from fisheye_ep_calib.storage.messages import Message
 
@@ -49,7 +50,7 @@ def packet_of(message: Message, type_name: str) -> Packet | None:
     if codec is None:
         if type_name not in VIDEO_TYPES:
             return None
-        raise InputError(f"the video's codec {encoding[:20]!r} is not known")
+        raise InputError(f"the video's codec {shown(encoding[:20])} is not known")
     data = bytes(message.data)
     return Packet(codec, data, _is_key(data, codec))
 

@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.boards.aprilgrid import AprilGrid
 from fisheye_ep_calib.target.boards.charuco import Charuco
@@ -70,7 +71,7 @@ def parse_target(values: object, source: str = "target", name: str = "target") -
         raise InputError(f"{source}: type is missing; known: {', '.join(TARGETS)}")
     kind = next((name for name in readers if isinstance(chosen, str) and same_kind(name, chosen)), None)
     if kind is None:
-        raise InputError(f"{source}: unknown type {chosen!r}; known: {', '.join(readers)}")
+        raise InputError(f"{source}: unknown type {shown(chosen)}; known: {', '.join(readers)}")
     target = replace(readers[kind](keys, name), keys=own)
     if values.get(SHAPE) is None:
         return target

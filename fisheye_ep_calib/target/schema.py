@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import one_line, shown
 
 LARGEST_COUNT = 500
 MILLIMETRES = 1.0  # a length of so many metres and more was meant in millimetres
@@ -39,7 +40,7 @@ class Keys:
         value = self._need(key)
         whole = isinstance(value, (int, float)) and not isinstance(value, bool) and float(value).is_integer()
         if not whole or not least <= value <= most:
-            raise self.fail(key, f"must be a whole number from {least} to {most}, not {value!r}")
+            raise self.fail(key, f"must be a whole number from {least} to {most}, not {shown(value)}")
         return int(value)
 
     def positive(self, key: str) -> float:
@@ -50,7 +51,7 @@ class Keys:
         except (TypeError, ValueError):
             number = math.nan
         if not (math.isfinite(number) and number > 0):
-            raise self.fail(key, f"must be a positive number, not {value!r}")
+            raise self.fail(key, f"must be a positive number, not {shown(value)}")
         return number
 
     def metres(self, key: str) -> float:
@@ -64,13 +65,13 @@ class Keys:
         """False where it is not given."""
         value = self._values.get(key, False)
         if value not in (True, False):
-            raise self.fail(key, f"must be true or false, not {value!r}")
+            raise self.fail(key, f"must be true or false, not {shown(value)}")
         return bool(value)
 
     def text(self, key: str, default: str) -> str:
         value = self._values.get(key, default)
         if not isinstance(value, str) or not value:
-            raise self.fail(key, f"must be text, not {value!r}")
+            raise self.fail(key, f"must be text, not {shown(value)}")
         return value
 
     def only(self, allowed: Iterable[str]) -> None:
@@ -81,4 +82,4 @@ class Keys:
                 continue
             near = difflib.get_close_matches(str(key), allowed, n=1)
             hint = f"did you mean {near[0]}?" if near else f"known here: {', '.join(allowed)}"
-            raise InputError(f"{self.source}: unknown key {key}; {hint}")
+            raise InputError(f"{self.source}: unknown key {one_line(key, 60)}; {hint}")

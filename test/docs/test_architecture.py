@@ -13,6 +13,8 @@ PACKAGE = REPOSITORY / "fisheye_ep_calib"
 SHARED = {
     "arrays",
     "errors",
+    "outside",
+    "plain_text",
     "rotation",
     "worker_processes",
     "yaml_file",

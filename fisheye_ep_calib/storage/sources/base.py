@@ -10,6 +10,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import open_outside
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
 from fisheye_ep_calib.storage.images import as_bytes, decoded_file, grey_image, grey_of_samples
 from fisheye_ep_calib.storage.messages import Message, deserialize
@@ -96,7 +97,7 @@ class Source:
         if self._fingerprint is None:
             size = self.path.stat().st_size
             digest = hashlib.sha256()
-            with open(self.path, "rb") as file:
+            with open_outside(self.path) as file:
                 for start in (0, max(0, size - _END_BYTES)):
                     file.seek(start)
                     digest.update(file.read(_END_BYTES))
@@ -188,10 +189,7 @@ class BagSource(Source):
     def _stream(self) -> BinaryIO:
         file: BinaryIO | None = self._file
         if file is None:
-            try:
-                self._file = file = open(self.path, "rb")
-            except OSError as error:
-                raise InputError(f"{self.path} cannot be opened: {error.strerror or error}") from None
+            self._file = file = open_outside(self.path)
         note_use(self)
         return file
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import open_outside
 from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry
 from fisheye_ep_calib.storage.sources.open_files import note_use
 
@@ -72,7 +73,7 @@ class Db3File(BagSource):
 
     def _is_cut_short(self) -> bool:
         """Whether the file is shorter than its header says: page size at byte 16, number of pages at 28."""
-        with open(self.path, "rb") as file:
+        with open_outside(self.path) as file:
             header = file.read(32)
         (page_size,) = struct.unpack_from(">H", header, 16)
         (pages,) = struct.unpack_from(">I", header, 28)

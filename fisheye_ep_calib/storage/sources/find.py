@@ -10,15 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import yaml
-
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import open_outside
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
 from fisheye_ep_calib.storage.sources.base import BagSource, Source
 from fisheye_ep_calib.storage.sources.copies import without_copies
 from fisheye_ep_calib.storage.sources.image_archive import archive_stem, is_archive, unpack_images
 from fisheye_ep_calib.storage.sources.image_files import SUFFIXES, is_image_file, natural_order
 from fisheye_ep_calib.storage.sources.image_folders import ImageFolder, image_folders, image_sources
+from fisheye_ep_calib.yaml_file import read_yaml
 
 MAX_METADATA_BYTES = 2**24
 
@@ -187,12 +187,10 @@ def _files_listed(folder: Path, problems: list[str]) -> list[str]:
     if not path.exists():
         return []
     try:
-        if path.stat().st_size > MAX_METADATA_BYTES:
-            raise ValueError
-        metadata = yaml.safe_load(path.read_text(errors="replace"))
+        metadata = read_yaml(path, "metadata", most=MAX_METADATA_BYTES)
         names = metadata["rosbag2_bagfile_information"]["relative_file_paths"]
         return [Path(name).name for name in names]
-    except (OSError, yaml.YAMLError, RecursionError, KeyError, TypeError, ValueError):
+    except (InputError, KeyError, TypeError, ValueError):
         problems.append(f"{path} is damaged: whether files of the bag are missing cannot be told")
         return []
 
@@ -206,24 +204,27 @@ def bag_suffix(path: Path) -> str:
 
 def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:
     """A bag by what its first bytes say it is, or else by its name."""
-    try:
-        with open(path, "rb") as file:
-            start = file.read(16)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    start = _first_bytes(path)
     if not start:
         raise InputError(f"{path} is empty")
     if start.startswith(ZSTD_MAGIC):
         packed, path = path, _decompressed(path, scratch, problems)
         if path.stat().st_size == 0:
             raise InputError(f"{packed} is empty or damaged")
-        with open(path, "rb") as file:
-            start = file.read(16)
+        start = _first_bytes(path)
     by_magic = [bag_format for bag_format in BAG_FORMATS.values() if start.startswith(bag_format.magic)]
     by_name = [BAG_FORMATS[suffix] for suffix in [bag_suffix(path)] if suffix]
     for bag_format in by_magic + by_name:
         return bag_format.open(path)
     raise InputError(f"{path} is neither a bag ({', '.join(BAG_FORMATS)}) nor an image nor a folder of either")
+
+
+def _first_bytes(path: Path) -> bytes:
+    try:
+        with open_outside(path) as file:
+            return file.read(16)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
 def _decompressed(path: Path, scratch: Path, problems: list[str]) -> Path:

@@ -14,6 +14,7 @@ import zlib
 from pathlib import Path, PurePosixPath
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import open_outside
 from fisheye_ep_calib.storage.sources.image_files import MAX_FILE_BYTES, SUFFIXES
 
 ENDINGS = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
@@ -56,7 +57,10 @@ def unpack_images(archive: Path, folder: Path, problems: list[str]) -> None:
     room = min(shutil.disk_usage(folder).free - 2**28, 2**30 + 1000 * archive.stat().st_size)
     count = members = 0
     try:
-        with tarfile.open(archive, "r|*", tarinfo=_BoundedMember) as content:
+        with (
+            open_outside(archive) as packed,
+            tarfile.open(fileobj=packed, mode="r|*", tarinfo=_BoundedMember) as content,
+        ):
             for member in content:
                 members += 1
                 room -= max(member.size, 0) + 512

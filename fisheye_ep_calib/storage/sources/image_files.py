@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import open_outside, read_outside
 from fisheye_ep_calib.storage.images import decoded_file, decoded_page, grey_of_samples
 from fisheye_ep_calib.storage.pictures import Picture, picture_of
 from fisheye_ep_calib.storage.sources.base import Entry, Source
@@ -81,9 +82,7 @@ class ImageFiles(Source):
             if len(pages) > 1:
                 declared = next(candidate for candidate in pages if candidate.number == page)
                 return decoded_page(path, page, (declared.width, declared.height))
-            if path.stat().st_size > MAX_FILE_BYTES:
-                raise InputError("the file is too large for an image")
-            return decoded_file(path.read_bytes())
+            return decoded_file(read_outside(path, MAX_FILE_BYTES, "image"))
         except OSError as error:
             raise InputError(f"the file cannot be read ({error.strerror or error})") from None
 
@@ -96,7 +95,7 @@ def _pages(path: Path) -> list[Page]:
     """The pages of a TIFF; one, of a size that is read when it is decoded, of any other file."""
     if path.suffix.lower() in _TIFF:
         with contextlib.suppress(OSError, ValueError, InputError, struct.error, OverflowError):
-            with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            with open_outside(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
                 if content[:4] in MAGICS and (of_file := pages(content)):
                     return of_file
     return [Page(0, 0, 0)]

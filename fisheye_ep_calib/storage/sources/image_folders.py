@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import read_outside
 from fisheye_ep_calib.storage.image_header import declared_size
 from fisheye_ep_calib.storage.sources.image_files import MAX_FILE_BYTES, ImageFiles, is_image_file, natural_order
 from fisheye_ep_calib.storage.sources.image_names import cameras_in_names
@@ -138,6 +139,6 @@ def _without_plain(parts: Iterable[str]) -> list[str]:
 
 def _size(path: Path) -> tuple[int, int] | None:
     try:
-        return declared_size(path.read_bytes()) if path.stat().st_size <= MAX_FILE_BYTES else None
-    except (OSError, InputError):
+        return declared_size(read_outside(path, MAX_FILE_BYTES))
+    except InputError:
         return None

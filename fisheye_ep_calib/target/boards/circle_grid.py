@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.target.base import Artwork, Target, bounding_board, rectangular_grid
 from fisheye_ep_calib.target.detection import Detector
 from fisheye_ep_calib.target.labelling import Placement, turns_onto_itself
@@ -141,7 +142,7 @@ def _holed(keys: Keys, columns: int, rows: int) -> tuple[int, ...]:
             entry = [entry % columns, entry // columns]
         whole = isinstance(entry, list) and len(entry) == 2 and all(type(i) is int for i in entry)
         if not whole or not (0 <= entry[0] < columns and 0 <= entry[1] < rows):
-            raise keys.fail("holed", f"has {entry!r}, which is no [column, row] of a {columns}×{rows} grid")
+            raise keys.fail("holed", f"has {shown(entry)}, which is no [column, row] of a {columns}×{rows} grid")
         indices.append(entry[1] * columns + entry[0])
     if len(set(indices)) != len(indices):
         raise keys.fail("holed", "lists a disc twice")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import BOW, FLAT, FREE
 
@@ -39,7 +40,7 @@ def parse_shape(content: object, object_points: np.ndarray) -> BoardShape:
         raise InputError(f"shape must have the keys {', '.join(KEYS)}")
     kind = content.get("kind", FREE)
     if kind not in (FLAT, BOW, FREE):
-        raise InputError(f"shape: kind must be {FLAT}, {BOW} or {FREE}, not {kind!r}")
+        raise InputError(f"shape: kind must be {FLAT}, {BOW} or {FREE}, not {shown(kind)}")
     if not isinstance(content.get("bent", False), bool):
         raise InputError("shape: bent must be true or false")
     deviation = _numbers(content.get("deviation"), "deviation", object_points.shape)

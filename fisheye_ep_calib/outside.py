@@ -1,0 +1,74 @@
+"""The one way to open what comes from outside: regular files alone, bounded while they are read, faults in one line."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from os import PathLike
+from typing import BinaryIO
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import one_line
+
+_SLOW_KINDS = {
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def open_outside(path: str | PathLike[str], kind: str = "") -> BinaryIO:
+    """A regular file, or a link to one, open for reading bytes. kind: what it should be ("target"), for the error.
+
+    Pipes, devices, sockets and folders are refused without waiting for them. Raises InputError.
+    """
+    flags = os.O_RDONLY
+    for name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY"):  # a pipe nobody writes to is opened at once
+        flags |= getattr(os, name, 0)
+    try:
+        _refuse_special(path, os.stat(path).st_mode, kind)  # opening a device may already do something
+        descriptor = os.open(path, flags)
+    except (OSError, ValueError) as error:  # a name may hold a zero byte
+        raise InputError(f"{_cannot(path, kind)}: {getattr(error, 'strerror', None) or error}") from None
+    try:
+        _refuse_special(path, os.fstat(descriptor).st_mode, kind)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def read_outside(path: str | PathLike[str], most: int, kind: str = "") -> bytes:
+    """The content of a regular file of at most ``most`` bytes, however large it says it is. Raises InputError."""
+    try:
+        with open_outside(path, kind) as file:
+            content = file.read(min(most, os.fstat(file.fileno()).st_size) + 1)  # a file of /proc says 0
+            while len(content) <= most and (more := file.read(most + 1 - len(content))):
+                content += more
+    except OSError as error:
+        raise InputError(f"{_cannot(path, kind)}: {error.strerror or error}") from None
+    if len(content) > most:
+        raise InputError(f"{one_line(path)}: too large{f' for a {kind} file' if kind else ''}, at most {most} bytes")
+    return content
+
+
+def read_text_outside(path: str | PathLike[str], most: int, kind: str = "") -> str:
+    """The text of a regular file in UTF-8, with or without a mark of it. Raises InputError."""
+    try:
+        return read_outside(path, most, kind).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{_cannot(path, kind)}: it is no text in UTF-8 (byte {error.start})") from None
+
+
+def _refuse_special(path: str | PathLike[str], mode: int, kind: str) -> None:
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{_cannot(path, kind)}: {os.strerror(errno.EISDIR)}")
+    if not stat.S_ISREG(mode):
+        what = _SLOW_KINDS.get(stat.S_IFMT(mode), "no regular file")
+        raise InputError(f"{_cannot(path, kind)}: it is {what}, not a file")
+
+
+def _cannot(path: str | PathLike[str], kind: str) -> str:
+    return f"cannot read {f'{kind} file ' if kind else ''}{one_line(path)}"
