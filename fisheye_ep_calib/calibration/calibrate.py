@@ -15,6 +15,7 @@ from fisheye_ep_calib.calibration.assessing.refusal import why_undetermined, why
 from fisheye_ep_calib.calibration.assessing.uncertainty import independent_covariance, uncertainty
 from fisheye_ep_calib.calibration.estimating.adjustment import adjust
 from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, Sightings, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.point_names import recounted
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER
@@ -49,6 +50,8 @@ BOARD_SHAPES = (FLAT, BOW, FREE, AUTO)
 _JUDGES = ("ep_even", "ep_odd")  # between them they come near to every pupil
 _NO_CAMERA = 0.02  # median error over the longer side of the image
 _LOOSE = 0.2  # σ of a focal length over its value, at which it counts as unknown
+_DRAGGED = 5.0  # RMS over the median residual, beyond which wrong points pull at a fit
+_CLOSE = 1e-5  # tolerance of a fit that only tells which point is which
 _SURE = 0.05  # and below which the linear σ is to be believed
 
 
@@ -199,6 +202,7 @@ def _screened_fit(
     mended = repaired(fit)
     if mended is not fit:
         start, fit = refine(mended, start.structure), mended
+    start, fit, alike = _counted_alike(start, fit, shape)
     adjusted = time.perf_counter()
     reasons: tuple[str, ...] = ()
     if shape in (FREE, AUTO) and faces_of(fit.sightings.observations.object_points):
@@ -216,7 +220,28 @@ def _screened_fit(
         "adjust": adjusted - initialized,
         "screen": time.perf_counter() - adjusted,
     }
-    return _ScreenedFit(screening.start, fit, screening.rejected, screening.wrong_views, seconds, same_place, reasons)
+    found = (screening.rejected, screening.wrong_views)
+    return _ScreenedFit(screening.start, fit, *found, seconds, same_place, (*alike, *reasons))
+
+
+def _counted_alike(start: Fit, fit: Fit, shape: str) -> tuple[Fit, Fit, tuple[str, ...]]:
+    """Both fits with all views counting a plain lattice alike, where its shape matters, and what was done for it."""
+    observations = fit.sightings.observations
+    if not observations.mistakable or (shape not in (FREE, AUTO) and observations.board is None):
+        return start, fit, ()
+    rich = richest_structure(fit.structure, fit.sightings, FLAT)
+    plain = refine(fit, rich, tolerance=_CLOSE)
+    if plain.rms_px > _DRAGGED * plain.median_px * plain.sightings.usual_weight:
+        plain = refine(huber_fit(start, fit), rich, tolerance=_CLOSE)
+    alike, images = recounted(plain)
+    if not images:
+        return start, fit, ()
+    told = (
+        f"{len(images)} of {len(fit.sightings.images)} views count the board's points from another corner, or some "
+        "rows on: its shape tells, and they are counted as the others"
+    )
+    sightings = replace(alike.sightings, loss=fit.sightings.loss)
+    return refine(alike, start.structure, sightings), refine(alike, fit.structure, sightings), (told,)
 
 
 def _first_fit_of_places(

@@ -14,7 +14,7 @@ from fisheye_ep_calib.target.shape.model import FREE
 
 METRES_PER_UNIT = {"mm": 1e-3, "m": 1.0}
 REQUIRED = ("object_points", "unit", "image_index", "point_index", "pixels", "image_size")
-OPTIONAL = ("weights", "image_names", "split", "disc_radius", "board_deviation")
+OPTIONAL = ("weights", "image_names", "split", "disc_radius", "board_deviation", "mistakable")
 _MOST_IMAGES = 10**6
 _LONGEST_SIDE = 65535
 
@@ -49,6 +49,7 @@ def checked_keys(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
         "split": _texts("split", arrays.get("split")),
         "disc_radius": disc_radius,
         "board": _board(arrays.get("board_deviation"), object_points, metres),
+        "mistakable": _truth("mistakable", arrays.get("mistakable")),
     }
 
 
@@ -79,6 +80,14 @@ def _real_numbers(name: str, array: np.ndarray) -> np.ndarray:
     if array.dtype.kind not in "iuf":
         raise InputError(f"{name} must hold numbers, not {array.dtype}")
     return array.astype(float)
+
+
+def _truth(name: str, array: np.ndarray | None) -> bool:
+    if array is None:
+        return False
+    if array.size != 1 or array.dtype.kind != "b":
+        raise InputError(f"{name} must be true or false")
+    return bool(array.reshape(()))
 
 
 def _text(array: np.ndarray) -> str:

@@ -30,6 +30,7 @@ class Observations:
     split: (V,) str such as "train" and "test", or None.
     disc_radius: metres, where the features are centres of gravity of projected discs; else None.
     board: the target's shape where it was measured before.
+    mistakable: whether a view may count the points from another corner, or some rows on: those of a plain lattice.
     """
 
     object_points: np.ndarray
@@ -42,6 +43,7 @@ class Observations:
     split: np.ndarray | None = None
     disc_radius: float | None = None
     board: BoardShape | None = None
+    mistakable: bool = False
 
     @staticmethod
     def create(
@@ -55,6 +57,7 @@ class Observations:
         split: Iterable[object] | None = None,
         disc_radius: float | None = None,
         board: BoardShape | None = None,
+        mistakable: bool = False,
     ) -> Observations:
         """Validate, sort by image and fill in what is optional. Raises InputError."""
         # To the picometre, so that lengths given in mm and in m are the same numbers.
@@ -92,6 +95,7 @@ class Observations:
             split,
             None if disc_radius is None else float(disc_radius),
             board,
+            bool(mistakable),
         )
 
     @staticmethod

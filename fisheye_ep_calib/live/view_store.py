@@ -47,6 +47,7 @@ def observations_of(views: Sequence[View], target: Target, image_size: tuple[int
         image_names=[view.name for view in views],
         disc_radius=target.disc_radius,
         board=target.shape,
+        mistakable=not target.unmistakable,
     )
 
 

@@ -83,7 +83,8 @@ def source_of_run(
     _log.info("%s", run.summary())
     outcome: Observations | CalibrationError
     try:
-        outcome = replace(run.observations(target.object_points, target.disc_radius), board=target.shape)
+        found = run.observations(target.object_points, target.disc_radius)
+        outcome = replace(found, board=target.shape, mistakable=not target.unmistakable)
     except CalibrationError as error:
         outcome = error
 

@@ -40,6 +40,8 @@ def observation_content(observations: Observations) -> bytes:
         arrays["disc_radius"] = np.array(observations.disc_radius)
     if observations.board is not None:
         arrays["board_deviation"] = observations.board.deviation
+    if observations.mistakable:
+        arrays["mistakable"] = np.array(True)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()
