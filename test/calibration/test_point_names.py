@@ -9,7 +9,7 @@ import pytest
 from bent_boards import aligned, bent
 from known_scenes import CAMERA, rows, seen, with_gross_errors
 
-from fisheye_ep_calib import Observations, calibrate
+from fisheye_ep_calib import Observations, calibrate, evaluate, save_camera
 from fisheye_ep_calib.calibration.estimating.point_names import Lattice
 from fisheye_ep_calib.simulation import random_poses
 from fisheye_ep_calib.storage.observation_file import save_observations
@@ -113,13 +113,17 @@ def test_a_file_keeps_that_the_board_is_mistakable(tmp_path) -> None:
         assert Observations.load(tmp_path / "seen.npz").mistakable is mistakable
 
 
-def test_a_measured_shape_names_the_points_of_the_next_recording() -> None:
+def test_a_measured_shape_names_the_points_of_the_next_recording(tmp_path) -> None:
     board = BOARDS["square"]
     true = bent(board.object_points, "wave", 3e-4)
-    measured = calibrate(seen_in_part(board, true), "ep_even", board_shape="free").board
+    known = calibrate(seen_in_part(board, true), "ep_even", board_shape="free")
     mixed, _ = counted_anyhow(seen_in_part(board, true, seed=7), seed=3)
-    result = calibrate(mixed, "ep_even", board_shape=measured)
+    result = calibrate(mixed, "ep_even", board_shape=known.board)
     assert result.rms_px == pytest.approx(np.sqrt(2) * 0.05, rel=0.1)
+    save_camera(tmp_path / "camera.yaml", known)
+    judged = evaluate(tmp_path / "camera.yaml", mixed)
+    assert judged.rms_px == pytest.approx(np.sqrt(2) * 0.05, rel=0.1)
+    assert evaluate(tmp_path / "camera.yaml", replace(mixed, mistakable=False)).rms_px > 2 * judged.rms_px
 
 
 def test_only_lattices_have_other_counts() -> None:

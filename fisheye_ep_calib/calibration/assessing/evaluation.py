@@ -15,6 +15,7 @@ from fisheye_ep_calib.calibration.estimating.fit import (
     sightings_of,
     why_no_pose,
 )
+from fisheye_ep_calib.calibration.estimating.point_names import recounted
 from fisheye_ep_calib.calibration.estimating.pose_repair import ray_poses
 from fisheye_ep_calib.calibration.estimating.views import view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
@@ -71,7 +72,7 @@ def posed_views(
 ) -> tuple[Fit, dict[int, str]]:
     """Poses of a target of known shape beside a camera that is held; image number → why it has none.
 
-    Takes the arguments of ``evaluate_camera``.
+    The points of a plain lattice are named by its shape (point_names.py). Takes the arguments of ``evaluate_camera``.
     """
     if camera.image_size != observations.image_size:
         raise InputError(
@@ -105,7 +106,12 @@ def posed_views(
     outside = _views_where(_invalid_count(problem, state, sightings) > 0, sightings)
     failed |= dict.fromkeys(outside, "the camera cannot project all of its points")
     problem, state, sightings = _without(outside, problem, state, sightings)
-    return Fit(Structure.of_camera(camera, BOW), sightings, problem, adjust(problem, state)), failed
+    fit = Fit(Structure.of_camera(camera, BOW), sightings, problem, adjust(problem, state))
+    if observations.mistakable:
+        alike, others = recounted(fit)
+        if others:
+            fit = replace(alike, adjustment=adjust(alike.problem, alike.state))
+    return fit, failed
 
 
 def measured(fit: Fit, failed: dict[int, str]) -> Evaluation:
