@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.plain_text import shown
+from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import FREE
 
@@ -17,6 +17,11 @@ REQUIRED = ("object_points", "unit", "image_index", "point_index", "pixels", "im
 OPTIONAL = ("weights", "image_names", "split", "disc_radius", "board_deviation", "mistakable")
 _MOST_IMAGES = 10**6
 _LONGEST_SIDE = 65535
+_MOST_POINTS = 100_000
+_LONGEST_NAME = 1000
+_LARGEST_LENGTH = 1e4  # metres: no target is that large
+_LARGEST_DEVIATION = 0.2  # of the target's size, that a point may be off its place
+_LEAST_WEIGHT, _LARGEST_WEIGHT = 1e-6, 1e6  # squares of weights are summed
 
 
 def checked_keys(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -36,15 +41,19 @@ def checked_keys(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
         if radius.size != 1:
             raise InputError("disc_radius must be one number")
         disc_radius = float(radius.reshape(())) * metres
-    weights = arrays.get("weights")
+        _check_lengths("disc_radius", radius * metres)
+    weights = None if "weights" not in arrays else _weights(_real_numbers("weights", arrays["weights"]))
+    if len(arrays["object_points"].reshape(-1)) > 3 * _MOST_POINTS:
+        raise InputError(f"object_points are {len(arrays['object_points'])}; at most {_MOST_POINTS} are read")
     object_points = _real_numbers("object_points", arrays["object_points"]) * metres
+    _check_lengths("object_points", object_points)
     return {
         "object_points": object_points,
         "image_index": image_index,
         "point_index": whole_numbers("point_index", _real_numbers("point_index", arrays["point_index"])),
         "pixels": _real_numbers("pixels", arrays["pixels"]),
         "image_size": tuple(int(value) for value in image_size),
-        "weights": None if weights is None else _real_numbers("weights", weights),
+        "weights": weights,
         "image_names": _texts("image_names", arrays.get("image_names")),
         "split": _texts("split", arrays.get("split")),
         "disc_radius": disc_radius,
@@ -60,7 +69,25 @@ def _board(deviation: np.ndarray | None, object_points: np.ndarray, metres: floa
     rows = _real_numbers("board_deviation", deviation) * metres
     if rows.shape != object_points.shape or not np.isfinite(rows).all():
         raise InputError("board_deviation must be finite and have a row a point, as object_points")
+    if np.abs(rows).max(initial=0.0) > _LARGEST_DEVIATION * np.ptp(object_points, axis=0).max(initial=0.0):
+        raise InputError("board_deviation moves a point by more than a fifth of the target's size")
     return BoardShape(FREE, object_points, rows)
+
+
+def _check_lengths(name: str, values: np.ndarray) -> None:
+    """Of what is not finite something else is said."""
+    largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    if largest > _LARGEST_LENGTH:
+        raise InputError(f"{name} reaches {largest:.3g} m; at most {_LARGEST_LENGTH:g} m are read: is unit right?")
+
+
+def _weights(values: np.ndarray) -> np.ndarray:
+    beyond = values[(values > _LARGEST_WEIGHT) | ((values > 0) & (values < _LEAST_WEIGHT))]
+    if len(beyond.reshape(-1)) and np.isfinite(beyond).all():
+        raise InputError(
+            f"weights has {beyond.reshape(-1)[0]:.3g}: give 0, or from {_LEAST_WEIGHT:g} to {_LARGEST_WEIGHT:g}"
+        )
+    return values
 
 
 def whole_numbers(name: str, values: npt.ArrayLike) -> np.ndarray:
@@ -103,5 +130,7 @@ def _texts(name: str, array: np.ndarray | None) -> tuple[str, ...] | None:
         return None
     if array.ndim != 1 or array.dtype.kind not in "USiu":
         raise InputError(f"{name} must be a list of names, one an image")
+    if len(array) > _MOST_IMAGES:
+        raise InputError(f"{name} has {len(array)} names; at most {_MOST_IMAGES} images are read")
     names = array.astype(np.str_) if array.dtype.kind in "iu" else array
-    return tuple(_text(entry) for entry in names)
+    return tuple(one_line(_text(entry), _LONGEST_NAME) for entry in names)

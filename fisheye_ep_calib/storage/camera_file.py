@@ -20,9 +20,10 @@ import yaml
 from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.camera.camera_info import camera_info_content, plain_camera_info
 from fisheye_ep_calib.camera.left_open import PupilLeftOpen
+from fisheye_ep_calib.camera.limits import refuse_absurd
 from fisheye_ep_calib.camera.parameters import PIXEL_NAMES
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
-from fisheye_ep_calib.plain_text import shown
+from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.content import board_content, parse_board
@@ -34,6 +35,8 @@ if TYPE_CHECKING:  # the command show is to answer without what calibrates
     from fisheye_ep_calib.calibration.result import CalibrationResult
 
 SCHEMA = 1
+_LARGEST_VARIANCE = 1e20
+_LONGEST_TEXT = 200
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,10 @@ def read_camera_file(path: str | PathLike[str]) -> CameraFile:
     path = Path(path)
     content = read_yaml(path, "camera")
     try:
-        return _camera_file(content)
+        file = _camera_file(content)
+        for camera in (file.camera, file.stand_in):
+            refuse_absurd(camera)
+        return file
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
@@ -226,7 +232,7 @@ def _camera_file(content: dict[str, Any]) -> CameraFile:
     )
     svp = block.get("svp", {})
     facts = _facts(block)
-    calibration = {str(key): _fact(f"calibration: {key}", value) for key, value in facts.items() if key != "board"}
+    calibration = {one_line(key, _LONGEST_TEXT): _fact(key, value) for key, value in facts.items() if key != "board"}
     return CameraFile(
         name,
         camera,
@@ -261,7 +267,7 @@ def _text(block: dict[str, Any], key: str, default: str | None = None) -> str:
     value = block[key] if default is None else block.get(key, default)
     if not isinstance(value, str | int | float):
         raise InputError(f"{key} must be text")
-    return str(value)
+    return one_line(value, _LONGEST_TEXT)
 
 
 def _facts(block: dict[str, Any]) -> dict[str, Any]:
@@ -271,16 +277,18 @@ def _facts(block: dict[str, Any]) -> dict[str, Any]:
     return facts
 
 
-def _fact(name: str, value: Any) -> Any:
-    """A number, a text, a date, a list of them or, within the facts, numbers by name: what a program can print."""
+def _fact(name: object, value: Any) -> Any:
+    """A number, a line of text, a list of them or, within the facts, numbers by name: what a program can print."""
     if isinstance(value, list) and not any(isinstance(element, list | dict) for element in value):
         return [_fact(name, element) for element in value]
     if isinstance(value, dict) and all(isinstance(number, int | float) for number in value.values()):
-        return {str(key): float(number) for key, number in value.items()}
-    if isinstance(value, datetime.date):
-        return value.isoformat()
-    if value is not None and not isinstance(value, str | int | float):
-        raise InputError(f"{name} must be a number, a text, a list of them or numbers by name")
+        return {one_line(key, _LONGEST_TEXT): float(number) for key, number in value.items()}
+    if isinstance(value, str):
+        return one_line(value)
+    if value is not None and not isinstance(value, int | float):
+        raise InputError(
+            f"calibration: {one_line(name, 60)} must be a number, a text, a list of them or numbers by name"
+        )
     return value
 
 
@@ -307,8 +315,8 @@ def _covariance(block: dict[str, Any], camera: FisheyeCamera) -> np.ndarray:
     covariance = np.array(block["covariance"], dtype=float)
     if tuple(block["parameters"]) != camera.parameter_names or covariance.shape != (count, count):
         raise InputError("parameters and covariance do not fit the camera")
-    if not np.isfinite(covariance).all():
-        raise InputError("covariance must be finite")
+    if not (np.abs(covariance) <= _LARGEST_VARIANCE).all():
+        raise InputError(f"covariance must be finite, and at most {_LARGEST_VARIANCE:g}")
     return covariance
 
 

@@ -15,13 +15,15 @@ import yaml
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.camera_info import plain_camera_info
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.plain_text import shown
+from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.rig.result import RigCalibration
 from fisheye_ep_calib.yaml_file import read_yaml
 
 SCHEMA = 1
 RIG, CAMCHAIN = "rig.yaml", "camchain.yaml"
 _NOT_RIGID = 1e-6
+_FARTHEST = 1e6  # metres
+_LONGEST_NAME = 200
 
 
 @dataclass(frozen=True)
@@ -134,24 +136,31 @@ def load_rig(path: str | PathLike[str]) -> RigFile:
     try:
         if content["schema"] != SCHEMA:
             raise InputError(f"schema {shown(content['schema'])} is not known here; known: {SCHEMA}")
-        cameras = {str(name): dict(block) for name, block in content["cameras"].items()}
+        cameras = {one_line(name, _LONGEST_NAME): dict(block) for name, block in content["cameras"].items()}
         return RigFile(
-            str(content["reference"]),
+            one_line(content["reference"], _LONGEST_NAME),
             {name: _pose(block["reference_from_camera"]) for name, block in cameras.items()},
-            {name: np.array(block["covariance"], dtype=float).reshape(6, 6) for name, block in cameras.items()},
+            {name: _covariance(block["covariance"]) for name, block in cameras.items()},
             {name: str(block.get("camera_file", "")) for name, block in cameras.items()},
         )
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{path} is not a rig file: {type(error).__name__} {error}") from None
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
+        raise InputError(f"{path} is not a rig file: {type(error).__name__} {one_line(error, 200)}") from None
+
+
+def _covariance(rows: Any) -> np.ndarray:
+    covariance = np.array(rows, dtype=float).reshape(6, 6)
+    if not (np.abs(covariance) <= _FARTHEST**2).all():
+        raise InputError("covariance must be finite")
+    return covariance
 
 
 def _pose(rows: Any) -> np.ndarray:
     pose = np.array(rows, dtype=float).reshape(4, 4)
     turn = pose[:3, :3]
     rigid = np.abs(turn @ turn.T - np.eye(3)).max() < _NOT_RIGID and np.linalg.det(turn) > 0
-    if not (np.isfinite(pose).all() and rigid and np.array_equal(pose[3], [0, 0, 0, 1])):
+    if not ((np.abs(pose) <= _FARTHEST).all() and rigid and np.array_equal(pose[3], [0, 0, 0, 1])):
         raise InputError("reference_from_camera is not a rigid transform")
     return pose
 

@@ -13,7 +13,7 @@ from fisheye_ep_calib.target.boards.aprilgrid import AprilGrid
 from fisheye_ep_calib.target.boards.charuco import Charuco
 from fisheye_ep_calib.target.boards.chessboard import Chessboard
 from fisheye_ep_calib.target.boards.circle_grid import CircleGrid
-from fisheye_ep_calib.target.schema import Keys
+from fisheye_ep_calib.target.schema import MOST_POINTS, Keys
 from fisheye_ep_calib.target.shape.content import parse_board, parse_shape
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shipped import find_target_file, shipped_files
@@ -73,6 +73,10 @@ def parse_target(values: object, source: str = "target", name: str = "target") -
     if kind is None:
         raise InputError(f"{source}: unknown type {shown(chosen)}; known: {', '.join(readers)}")
     target = replace(readers[kind](keys, name), keys=own)
+    if len(target.object_points) > MOST_POINTS:
+        raise InputError(
+            f"{source}: columns × rows give {len(target.object_points)} points; at most {MOST_POINTS} are read"
+        )
     if values.get(SHAPE) is None:
         return target
     try:

@@ -11,6 +11,9 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.plain_text import one_line, shown
 
 LARGEST_COUNT = 500
+LEAST_LENGTH = 1e-6  # metres
+MOST_POINTS = 100_000
+LONGEST_TEXT = 200
 MILLIMETRES = 1.0  # a length of so many metres and more was meant in millimetres
 
 
@@ -57,6 +60,8 @@ class Keys:
     def metres(self, key: str) -> float:
         """A length above zero; one of 1 m or more is taken for millimetres."""
         value = self.positive(key)
+        if value < LEAST_LENGTH:
+            raise self.fail(key, f"is in metres, and {value:g} is less than anything that can be seen")
         if value >= MILLIMETRES:
             raise self.fail(key, f"is in metres, and {value:g} looks like millimetres: write {value / 1000:g}")
         return value
@@ -70,8 +75,8 @@ class Keys:
 
     def text(self, key: str, default: str) -> str:
         value = self._values.get(key, default)
-        if not isinstance(value, str) or not value:
-            raise self.fail(key, f"must be text, not {shown(value)}")
+        if not isinstance(value, str) or not 0 < len(value) <= LONGEST_TEXT or not value.isprintable():
+            raise self.fail(key, f"must be a line of text, not {shown(value)}")
         return value
 
     def only(self, allowed: Iterable[str]) -> None:

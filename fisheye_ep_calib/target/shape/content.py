@@ -21,7 +21,8 @@ from fisheye_ep_calib.target.shape.model import BOW, FLAT, FREE
 
 _DIGITS = 9  # of metres: a nanometre
 _LARGEST = 0.2  # of the board's size, that a point may be off
-_MOST_POINTS = 250_000
+_LARGEST_LENGTH = 1e4  # metres
+_MOST_POINTS = 100_000
 KEYS = ("kind", "bent", "scatter", "deviation", "sigma")
 
 
@@ -76,6 +77,8 @@ def _numbers(values: object, key: str, shape: tuple[int, ...]) -> np.ndarray:
         numbers = np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"shape: {key} must hold numbers") from None
+    if numbers.size and np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0) > _LARGEST_LENGTH:
+        raise InputError(f"shape: {key} holds {np.nanmax(np.abs(numbers)):.3g} m: no target is that large")
     if numbers.shape != shape or not np.isfinite(numbers).all():
         raise InputError(f"shape: {key} must be {' × '.join(map(str, shape))} finite numbers")
     return numbers

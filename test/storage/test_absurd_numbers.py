@@ -1,0 +1,153 @@
+"""Numbers and sizes that no calibration has are refused with their key, before anything is made of them."""
+
+from __future__ import annotations
+
+import bz2
+import io
+import lzma
+import resource
+import struct
+import time
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+import yaml
+
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.npz_file import read_npz
+from fisheye_ep_calib.storage.camera_file import read_camera_file, save_camera
+from fisheye_ep_calib.storage.observation_file import load_observations
+from fisheye_ep_calib.storage.rig_file import load_rig, places_yaml
+from fisheye_ep_calib.target.registry import load_target
+
+GRID = np.stack([*np.meshgrid(np.arange(4) * 0.02, np.arange(3) * 0.02), np.zeros((3, 4))], axis=-1).reshape(-1, 3)
+ARRAYS = {
+    "object_points": GRID,
+    "unit": np.array("m"),
+    "image_index": np.repeat(np.arange(3), 12),
+    "point_index": np.tile(np.arange(12), 3),
+    "pixels": np.random.default_rng(1).uniform(0, 400, (36, 2)),
+    "image_size": np.array([640, 480]),
+    "weights": np.ones(36),
+}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("weights", np.full(36, 1e308), "weights has 1e\\+308"),
+        ("weights", np.full(36, 1e-300), "weights has 1e-300"),
+        ("object_points", GRID * 1e200, "object_points reaches"),
+        ("object_points", np.zeros((100_001, 3)), "at most 100000"),
+        ("disc_radius", np.array(1e200), "disc_radius reaches"),
+        ("board_deviation", GRID * 1e100, "board_deviation moves"),
+        ("image_names", np.full(1_000_001, "n"), "at most 1000000 images"),
+        ("pixels", np.zeros((2, 2, 2)), "pixels cannot be read"),
+        ("pixels", np.zeros((36, 2), dtype=complex), "pixels cannot be read"),
+        ("image_index", np.full(36, np.iinfo(np.uint64).max), "too large"),
+    ],
+)
+def test_observation_files(tmp_path, key, value, words) -> None:
+    np.savez_compressed(tmp_path / "o.npz", **{**ARRAYS, key: value})
+    with pytest.raises(InputError, match=words) as refused:
+        load_observations(tmp_path / "o.npz")
+    assert str(refused.value).startswith(f"{tmp_path / 'o.npz'}: ")
+
+
+def header_of(shape: tuple[int, ...], descr: str = "<f8") -> bytes:
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, {"descr": descr, "fortran_order": False, "shape": shape})
+    return head.getvalue()
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+@pytest.mark.parametrize(
+    "content",
+    [
+        header_of((2**25, 2)) + bytes(2**29),  # holds what it promises
+        header_of((36, 2)) + bytes(2**29),  # holds more
+        header_of((10**12,), "<U0"),
+        header_of((10**18, 10**18)),
+        header_of((0, 10**18)),
+        np.lib.format.magic(2, 0) + struct.pack("<I", 2**32 - 1) + b" " * 2**20,
+    ],
+    ids=range(6),
+)
+def test_a_member_that_would_fill_the_memory(tmp_path, method, content) -> None:
+    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", method) as archive:
+        archive.writestr("pixels.npy", content)
+    del content
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = time.process_time()
+    with pytest.raises(InputError, match="pixels"):
+        read_npz(tmp_path / "bomb.npz", ["pixels"], [], "an observation file")
+    assert time.process_time() - began < 2
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # kB
+
+
+@pytest.mark.parametrize("damage", [bz2.compress, lzma.compress, zlib.compress])
+def test_members_packed_in_other_ways_or_damaged(tmp_path, damage) -> None:
+    """The directory says one method, the data are of another."""
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("pixels.npy", header_of((36, 2)) + bytes(576))
+    content = bytearray((tmp_path / "a.npz").read_bytes())
+    packed = damage(b"something else")[:30]
+    content[60 : 60 + len(packed)] = packed
+    (tmp_path / "a.npz").write_bytes(content)
+    with pytest.raises(InputError):
+        read_npz(tmp_path / "a.npz", ["pixels"], [], "an observation file")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("type: chessboard\ncolumns: 500\nrows: 500\nspacing: 0.02\n", "250000 points"),
+        ("type: chessboard\ncolumns: 1e300\nrows: 5\nspacing: 0.02\n", "columns"),
+        ("type: chessboard\ncolumns: 9\nrows: 5\nspacing: 1e-300\n", "spacing"),
+        ("type: chessboard\ncolumns: 9\nrows: 5\nspacing: 1e300\n", "spacing"),
+        ("type: chessboard\ncolumns: 9\nrows: 5\nspacing: 0.02\nname: [" + "1," * 1000 + "]\n", "name"),
+        ("type: chessboard\ncolumns: 9\nrows: 5\nspacing: 0.02\nname: " + "n" * 5000, "name"),
+        ('type: chessboard\ncolumns: 9\nrows: 5\nspacing: 0.02\nname: "a\\eb"', "name"),
+        ("target_type: aprilgrid\ntagCols: 500\ntagRows: 500\ntagSize: 0.02\ntagSpacing: 0.3\n", "tag"),
+    ],
+)
+def test_target_files(tmp_path, text, words) -> None:
+    (tmp_path / "t.yaml").write_text(text)
+    with pytest.raises(InputError, match=words) as refused:
+        load_target(tmp_path / "t.yaml")
+    assert len(str(refused.value)) < 300 and str(refused.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "words"),
+    [
+        (("entrance_pupil", "intrinsics", "fx"), 1e308, "fx is 1e\\+308"),
+        (("entrance_pupil", "intrinsics", "fx"), 1e-308, "fx is 1e-308"),
+        (("entrance_pupil", "radial"), [1e200, 0.0, 0.0, 0.0], "k1 is 1e\\+200"),
+        (("entrance_pupil", "coefficients"), [1e308, 0.0], "e1 is 1e\\+308"),
+        (("camera_matrix", "data"), [1e308, 0, 9, 0, 300, 9, 0, 0, 1], "fx is 1e\\+308"),
+        (("image_width",), 10**17, "pixels is not possible"),
+        (("entrance_pupil", "calibration"), {"note": {"a": [1]}}, "calibration: note"),
+    ],
+)
+def test_camera_files(tmp_path, keys, value, words) -> None:
+    camera = FisheyeCamera((640, 480), 300, 300, 320, 240, model="ep_even", coefficients=(-0.001, 0.0))
+    save_camera(tmp_path / "c.yaml", camera)
+    content = block = yaml.safe_load((tmp_path / "c.yaml").read_text())
+    for key in keys[:-1]:
+        block = block[key]
+    block[keys[-1]] = value
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=words):
+        read_camera_file(tmp_path / "c.yaml")
+
+
+def test_rig_files(tmp_path) -> None:
+    far = np.eye(4)
+    far[0, 3] = 1e300
+    (tmp_path / "rig.yaml").write_text(places_yaml({"a": np.eye(4), "b": far}))
+    with pytest.raises(InputError, match="reference_from_camera"):
+        load_rig(tmp_path / "rig.yaml")
