@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fisheye_ep_calib.camera.extras import LENS_EXTRAS
+from fisheye_ep_calib.camera.extras import KNOWN_EXTRAS
+from fisheye_ep_calib.camera.extras.brown_conrady import BROWN_CONRADY
 from fisheye_ep_calib.camera.left_open import PupilLeftOpen
-from fisheye_ep_calib.camera.lenses import LENSES, Lens, solve_angle
+from fisheye_ep_calib.camera.lenses import KNOWN_LENSES, Lens, solve_angle
 from fisheye_ep_calib.camera.lenses.lens import increasing_limit
 from fisheye_ep_calib.camera.parameters import PIXEL_NAMES, ParameterLayout, parameter_layout
 from fisheye_ep_calib.camera.projection import project_coordinates
@@ -43,7 +44,7 @@ class FisheyeCamera:
     image_size: (width, height). fx, fy, skew, cx, cy: pixels; (0, 0) is the centre of the top-left pixel.
     radial: coefficients of the lens, r(θ). model: the pupil's family, a key of PUPIL_FAMILIES.
     coefficients: of E(θ), metres; E is added to a point's z, so the pupil sits at z = −E(θ).
-    lens: a key of LENSES. extras: coefficients by name, for the keys of LENS_EXTRAS that are in use.
+    lens: a key of KNOWN_LENSES. extras: coefficients by name, for the keys of KNOWN_EXTRAS that are in use.
     theta_max: rad; beyond it nothing is known and projections are marked invalid.
     pupil_left_open: of a camera without a pupil, what its data could not tell from none; it moves no projection.
     """
@@ -65,8 +66,8 @@ class FisheyeCamera:
     def __post_init__(self) -> None:
         if self.model not in tuple(PUPIL_FAMILIES):
             raise InputError(f"unknown model {shown(self.model)}; known: {', '.join(PUPIL_FAMILIES)}")
-        if self.lens not in tuple(LENSES):
-            raise InputError(f"unknown lens {shown(self.lens)}; known: {', '.join(LENSES)}")
+        if self.lens not in tuple(KNOWN_LENSES):
+            raise InputError(f"unknown lens {shown(self.lens)}; known: {', '.join(KNOWN_LENSES)}")
         try:
             self._own_values()
         except (TypeError, ValueError, AttributeError):
@@ -78,7 +79,7 @@ class FisheyeCamera:
         if len(self.coefficients) > self.pupil_family.max_terms:
             raise InputError(f"{self.model} takes at most {self.pupil_family.max_terms} pupil coefficients")
         for name, values in self.extras.items():
-            if name not in LENS_EXTRAS or len(values) != len(LENS_EXTRAS[name].coefficient_names):
+            if name not in KNOWN_EXTRAS or len(values) != len(KNOWN_EXTRAS[name].coefficient_names):
                 raise InputError(f"unknown lens extra {shown(name)} or wrong number of its coefficients")
         if not np.isfinite(self.parameters).all():
             raise InputError("camera parameters must be finite")
@@ -101,7 +102,7 @@ class FisheyeCamera:
 
     @property
     def lens_model(self) -> Lens:
-        return LENSES[self.lens]
+        return KNOWN_LENSES[self.lens]
 
     @cached_property
     def radial_array(self) -> np.ndarray:
@@ -114,7 +115,7 @@ class FisheyeCamera:
     @cached_property
     def active_extras(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
         """(name, coefficients) of the extras in use, in the order in which they are applied."""
-        return tuple((name, tuple(self.extras[name])) for name in LENS_EXTRAS if name in self.extras)
+        return tuple((name, tuple(self.extras[name])) for name in KNOWN_EXTRAS if name in self.extras)
 
     @cached_property
     def layout(self) -> ParameterLayout:
@@ -150,8 +151,12 @@ class FisheyeCamera:
 
     @cached_property
     def theta_limit(self) -> float:
-        """Largest angle with a projection, rad: theta_max, or where r(θ) stops increasing."""
-        return increasing_limit(self.lens_model, self.radial_array, self.theta_max)
+        """Largest angle with a projection, rad: theta_max, or where r(θ) or the image plane stops increasing."""
+        limit = increasing_limit(self.lens_model, self.radial_array, self.theta_max)
+        if BROWN_CONRADY.name not in self.extras:
+            return limit
+        reach = np.asarray(BROWN_CONRADY.reach(self.extras[BROWN_CONRADY.name]))
+        return float(solve_angle(self.lens_model, reach, self.radial_array, limit)[0])
 
     def entrance_pupil(self, theta: ArrayLike) -> np.ndarray:
         """E(θ), metres, shape of θ (rad). The pupil sits at z = −E(θ)."""
@@ -198,7 +203,7 @@ class FisheyeCamera:
         plane_x = (pixels[..., 0] - self.cx - self.skew * plane_y) / self.fx
         reached = np.ones(plane_x.shape, dtype=bool)
         for name, coefficients in reversed(self.active_extras):
-            plane_x, plane_y, inverted = LENS_EXTRAS[name].invert(plane_x, plane_y, coefficients)
+            plane_x, plane_y, inverted = KNOWN_EXTRAS[name].invert(plane_x, plane_y, coefficients)
             reached &= inverted
         return plane_x, plane_y, reached
 
@@ -258,7 +263,7 @@ class FisheyeCamera:
         """∂pixels/∂m (..., 2, 2) at plane points before the extras."""
         matrix = np.broadcast_to(np.eye(2), (*np.shape(plane_x), 2, 2))
         for name, coefficients in self.active_extras:
-            plane, _ = LENS_EXTRAS[name].jacobian(plane_x, plane_y, coefficients)
+            plane, _ = KNOWN_EXTRAS[name].jacobian(plane_x, plane_y, coefficients)
             step = np.stack(
                 [
                     np.stack(np.broadcast_arrays(plane.xx, plane.xy), -1),
@@ -267,5 +272,5 @@ class FisheyeCamera:
                 -2,
             )
             matrix = step @ matrix
-            plane_x, plane_y = LENS_EXTRAS[name].apply(plane_x, plane_y, coefficients)
+            plane_x, plane_y = KNOWN_EXTRAS[name].apply(plane_x, plane_y, coefficients)
         return np.array([[self.fx, self.skew], [0.0, self.fy]]) @ matrix

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-from fisheye_ep_calib.camera.extras import LENS_EXTRAS
-from fisheye_ep_calib.camera.lenses import LENSES
+from fisheye_ep_calib.camera.extras import KNOWN_EXTRAS
+from fisheye_ep_calib.camera.lenses import KNOWN_LENSES
 
 PIXEL_NAMES = ("fx", "fy", "skew", "cx", "cy")
 
@@ -30,8 +30,8 @@ def pupil_names(terms: int) -> tuple[str, ...]:
 
 def parameter_layout(lens: str, extras: tuple[str, ...], terms: int) -> ParameterLayout:
     """Of a camera with a lens, extras in use (keys of the registries, in their order) and terms of E(θ)."""
-    of_extras = tuple((name, tuple(LENS_EXTRAS[name].coefficient_names)) for name in extras)
-    return _layout(tuple(LENSES[lens].coefficient_names), of_extras, terms)
+    of_extras = tuple((name, tuple(KNOWN_EXTRAS[name].coefficient_names)) for name in extras)
+    return _layout(tuple(KNOWN_LENSES[lens].coefficient_names), of_extras, terms)
 
 
 @lru_cache(maxsize=256)

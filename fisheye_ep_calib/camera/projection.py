@@ -22,7 +22,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fisheye_ep_calib.camera.extras import LENS_EXTRAS
+from fisheye_ep_calib.camera.extras import KNOWN_EXTRAS
 from fisheye_ep_calib.camera.extras.extra import PlaneJacobian
 from fisheye_ep_calib.camera.incidence import IncidenceAngle, solve_incidence_angle
 from fisheye_ep_calib.camera.lenses import Lens
@@ -104,7 +104,7 @@ def project_coordinates(
     radius = camera.lens_model.radius(incidence.theta, camera.radial_array)
     stages = [(radius * cos_phi, radius * sin_phi)]  # plane points before each extra, and after the last
     for name, coefficients in camera.active_extras:
-        stages.append(LENS_EXTRAS[name].apply(*stages[-1], coefficients))
+        stages.append(KNOWN_EXTRAS[name].apply(*stages[-1], coefficients))
     plane_x, plane_y = stages[-1]
     u = camera.fx * plane_x + camera.cx
     if camera.skew != 0.0:
@@ -159,7 +159,7 @@ def _fill_extra_columns(
     plane = PlaneJacobian(camera.fx, camera.skew, 0.0, camera.fy)
     for (name, coefficients), before in zip(reversed(camera.active_extras), reversed(stages[:-1]), strict=True):
         plane_x, plane_y = before
-        own, d_extra = LENS_EXTRAS[name].jacobian(plane_x, plane_y, coefficients)
+        own, d_extra = KNOWN_EXTRAS[name].jacobian(plane_x, plane_y, coefficients)
         columns = camera.layout.slices[name]
         d_parameters[0, columns], d_parameters[1, columns] = _mapped(plane, d_extra[0], d_extra[1])
         xx, yx = _mapped(plane, own.xx, own.yx)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from fisheye_ep_calib.camera import LENS_EXTRAS, FisheyeCamera
+from fisheye_ep_calib.camera import KNOWN_EXTRAS, LENS_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.camera.camera_info import camera_info_content, plain_camera_info
 from fisheye_ep_calib.camera.left_open import PupilLeftOpen
 from fisheye_ep_calib.camera.limits import refuse_absurd
@@ -103,7 +103,8 @@ def _full_camera(camera: FisheyeCamera) -> dict[str, Any]:
         "radial": _floats(camera.radial),
         **{
             extra: _floats(camera.extras.get(extra, (0.0,) * len(family.coefficient_names)))
-            for extra, family in LENS_EXTRAS.items()
+            for extra, family in KNOWN_EXTRAS.items()
+            if extra in LENS_EXTRAS or extra in camera.extras
         },
         "coefficients": _floats(camera.coefficients),
         "theta_max": float(camera.theta_max),
@@ -209,7 +210,7 @@ def _camera_file(content: dict[str, Any]) -> CameraFile:
     if block["schema"] != SCHEMA:
         raise InputError(f"schema {shown(block['schema'])} of entrance_pupil is not known here; known: {SCHEMA}")
     intrinsics = block["intrinsics"]
-    extras = {extra: tuple(_floats(block[extra])) for extra in LENS_EXTRAS if extra in block}
+    extras = {extra: tuple(_floats(block[extra])) for extra in KNOWN_EXTRAS if extra in block}
     parameters = block.get("parameters", ())
     camera = FisheyeCamera(
         stand_in.image_size,
@@ -224,7 +225,7 @@ def _camera_file(content: dict[str, Any]) -> CameraFile:
         {
             extra: values
             for extra, values in extras.items()
-            if any(values) or set(LENS_EXTRAS[extra].coefficient_names) & set(parameters)
+            if any(values) or set(KNOWN_EXTRAS[extra].coefficient_names) & set(parameters)
         },
         _text(block, "lens", "kannala_brandt"),
         float(block.get("theta_max", np.pi)),

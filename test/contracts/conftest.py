@@ -13,6 +13,8 @@ from command_line import Ended
 from registered_targets import target_files
 
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
+from fisheye_ep_calib.camera.extras import HELD_EXTRAS
+from fisheye_ep_calib.camera.lenses import HELD_LENSES
 from fisheye_ep_calib.cli import main
 from fisheye_ep_calib.rectification.projections import PROJECTIONS
 from fisheye_ep_calib.storage.sources.find import BAG_FORMATS
@@ -23,6 +25,8 @@ REGISTRIES = {
     "pupil_name": PUPIL_FAMILIES,
     "lens_name": LENSES,
     "extra_name": LENS_EXTRAS,
+    "held_lens": HELD_LENSES,
+    "held_extra": HELD_EXTRAS,
     "target_kind": TARGETS,
     "bag_suffix": BAG_FORMATS,
     "projection_name": PROJECTIONS,

@@ -42,13 +42,17 @@ class LensExtra(Protocol):
 
 
 def invert_by_newton(
-    extra: LensExtra, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]
+    extra: LensExtra,
+    x: np.ndarray,
+    y: np.ndarray,
+    coefficients: Sequence[float],
+    start: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Solve extra(a, b) = (x, y) by Newton steps from (x, y); the maps are near the identity.
+    """Solve extra(a, b) = (x, y) by Newton steps from ``start``, or from (x, y): most maps are near the identity.
 
     a, b and whether they solve it, with the map not folded over there (its determinant positive).
     """
-    a, b = np.array(x, dtype=float), np.array(y, dtype=float)
+    a, b = (np.array(part, dtype=float) for part in (start or (x, y)))
     for _ in range(30):
         mapped_x, mapped_y = extra.apply(a, b, coefficients)
         error_x, error_y = mapped_x - x, mapped_y - y
