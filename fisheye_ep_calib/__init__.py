@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fisheye_ep_calib.camera import FisheyeCamera
     from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
     from fisheye_ep_calib.pipeline import calibrate_observations as calibrate
-    from fisheye_ep_calib.pipeline import calibrate_recording, compare, evaluate, find_target
+    from fisheye_ep_calib.pipeline import calibrate_recording, compare, evaluate, export, find_target
     from fisheye_ep_calib.rectification import rectify
     from fisheye_ep_calib.storage.camera_file import load_camera, save_camera
     from fisheye_ep_calib.storage.recording import open_recording
@@ -37,6 +37,7 @@ __all__ = [
     "calibrate_recording",
     "compare",
     "evaluate",
+    "export",
     "find_target",
     "load_camera",
     "load_target",
@@ -48,7 +49,7 @@ _MODULES = {
     "calibration": ("CalibrationResult", "Observations"),
     "camera": ("FisheyeCamera",),
     "errors": ("CalibrationError", "InputError", "Interrupted"),
-    "pipeline": ("calibrate_observations", "calibrate_recording", "compare", "evaluate", "find_target"),
+    "pipeline": ("calibrate_observations", "calibrate_recording", "compare", "evaluate", "export", "find_target"),
     "rectification": ("rectify",),
     "storage.camera_file": ("load_camera", "save_camera"),
     "storage.recording": ("open_recording",),

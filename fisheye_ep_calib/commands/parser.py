@@ -14,6 +14,7 @@ COMMANDS = {
     "detect": "find the target in images and show what was found",
     "compare": "how two camera files differ in pixels, against their uncertainties",
     "show": "print a camera file: intrinsics, entrance pupil, what is known about them",
+    "export": "a camera or rig file for Kalibr, OpenVINS, Basalt, ORB-SLAM3, VINS, COLMAP, Nerfstudio, OpenCV, mrcal",
     "rig": "where calibrated cameras are to each other, from views of one target",
     "rectify": "images without the fisheye's distortion, the pupil's shift corrected for a distance",
     "target": "write a target true to scale, to print",

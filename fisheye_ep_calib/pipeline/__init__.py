@@ -5,6 +5,7 @@ from fisheye_ep_calib.pipeline.calibrating import CalibratedCameras, calibrate_c
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.pipeline.compared_cameras import ComparedCameras, compare
 from fisheye_ep_calib.pipeline.evaluated_camera import EvaluatedCamera, evaluate
+from fisheye_ep_calib.pipeline.exporting import Exported, export
 from fisheye_ep_calib.pipeline.looking import Look, Looking, camera_sources, find_target, looking
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "CameraSource",
     "ComparedCameras",
     "EvaluatedCamera",
+    "Exported",
     "Look",
     "Looking",
     "calibrate_cameras",
@@ -21,6 +23,7 @@ __all__ = [
     "camera_sources",
     "compare",
     "evaluate",
+    "export",
     "find_target",
     "looking",
 ]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,9 @@ import numpy as np
 import yaml
 
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.camera.camera_info import plain_camera_info
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.formats.kalibr import camchain
+from fisheye_ep_calib.formats.placed_camera import PlacedCamera
 from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.rig.result import RigCalibration
 from fisheye_ep_calib.yaml_file import read_yaml
@@ -30,13 +31,16 @@ _LONGEST_NAME = 200
 class RigFile:
     """What a rig file says. reference_from_camera: (4, 4) by the camera's name. covariance: (6, 6) by name.
 
-    camera_files: by name, as written, relative to the rig file; empty where none was named.
+    camera_files, topics: by name, as written, the files relative to the rig file; empty where none was named.
+    overlaps: names of two cameras that see the target together.
     """
 
     reference: str
     reference_from_camera: dict[str, np.ndarray]
     covariance: dict[str, np.ndarray]
     camera_files: dict[str, str]
+    topics: dict[str, str] = field(default_factory=dict[str, str])
+    overlaps: tuple[tuple[str, ...], ...] = ()
 
 
 def rig_files(
@@ -101,32 +105,22 @@ def places_yaml(reference_from_camera: Mapping[str, np.ndarray]) -> str:
 
 
 def kalibr_camchain(rig: RigCalibration, stand_ins: Sequence[FisheyeCamera], topics: Mapping[str, str]) -> str:
-    """The rig in Kalibr's layout: cam0, cam1, …, each placed by the one before it.
-
-    Kalibr's cameras have a single viewpoint: intrinsics are those of the stand-ins. T_cn_cnm1 is camera n from
-    camera n − 1.
-    """
+    """The rig in Kalibr's layout, its cameras those of the stand-ins."""
     overlapping: dict[int, list[int]] = {number: [] for number in range(len(rig.names))}
     for pair in rig.pairs:
         overlapping[pair.a].append(pair.b)
         overlapping[pair.b].append(pair.a)
-    content = {}
-    for number, name in enumerate(rig.names):
-        info = plain_camera_info(stand_ins[number])
-        camera = {
-            "cam_overlaps": sorted(overlapping[number]),
-            "camera_model": "pinhole",
-            "distortion_coeffs": _floats(info.d),
-            "distortion_model": info.distortion_model,
-            "intrinsics": _floats([info.k[0], info.k[4], info.k[2], info.k[5]]),
-            "resolution": [int(info.width), int(info.height)],
-            "rostopic": str(topics.get(name, f"/{name}/image_raw")),
-        }
-        if number > 0:
-            step = np.linalg.inv(rig.reference_from_camera[number]) @ rig.reference_from_camera[number - 1]
-            camera = {"T_cn_cnm1": [_floats(row) for row in step], **camera}
-        content[f"cam{number}"] = camera
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1 << 16)
+    cameras = [
+        PlacedCamera(
+            name,
+            stand_ins[number],
+            reference_from_camera=rig.reference_from_camera[number],
+            topic=str(topics.get(name, "")),
+            overlaps=tuple(overlapping[number]),
+        )
+        for number, name in enumerate(rig.names)
+    ]
+    return camchain(cameras, stand_ins)
 
 
 def load_rig(path: str | PathLike[str]) -> RigFile:
@@ -142,6 +136,8 @@ def load_rig(path: str | PathLike[str]) -> RigFile:
             {name: _pose(block["reference_from_camera"]) for name, block in cameras.items()},
             {name: _covariance(block["covariance"]) for name, block in cameras.items()},
             {name: str(block.get("camera_file", "")) for name, block in cameras.items()},
+            {name: str(block.get("topic", "")) for name, block in cameras.items()},
+            tuple(tuple(map(str, pair["cameras"])) for pair in content.get("overlaps", ())),
         )
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -165,5 +161,10 @@ def _pose(rows: Any) -> np.ndarray:
     return pose
 
 
-def _floats(values: Iterable[Any]) -> list[float]:
-    return [float(value) for value in values]
+def is_rig_file(path: Path) -> bool:
+    """Whether a file is a rig's by its content. False where it cannot be read: who reads it next says why."""
+    try:
+        content = read_yaml(path, "rig")
+    except InputError:
+        return False
+    return isinstance(content, dict) and {"schema", "reference", "cameras"} <= set(content)

@@ -16,6 +16,7 @@ from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.camera.extras import HELD_EXTRAS
 from fisheye_ep_calib.camera.lenses import HELD_LENSES
 from fisheye_ep_calib.cli import main
+from fisheye_ep_calib.formats import FORMATS
 from fisheye_ep_calib.rectification.projections import PROJECTIONS
 from fisheye_ep_calib.storage.sources.find import BAG_FORMATS
 from fisheye_ep_calib.target import Target, parse_target
@@ -25,6 +26,8 @@ REGISTRIES = {
     "pupil_name": PUPIL_FAMILIES,
     "lens_name": LENSES,
     "extra_name": LENS_EXTRAS,
+    "format_name": FORMATS,
+    "written_format": {name: one for name, one in FORMATS.items() if one.write is not None},
     "held_lens": HELD_LENSES,
     "held_extra": HELD_EXTRAS,
     "target_kind": TARGETS,

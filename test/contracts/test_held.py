@@ -16,7 +16,13 @@ from fisheye_ep_calib.camera.lenses.lens import increasing_limit, solve_angle
 
 RADIAL = {  # of each lens, some that are in use
     "perspective": [()],
-    "cahvore": [(1.0, -0.2, 0.03), (0.5, 0.0, 0.0), (0.01, 0.02, 0.0), (0.0, 0.01, -0.002), (-0.4, 0.0, 0.01)],
+    "cahvore": [
+        (1.0, 0, -0.2, 0.03),
+        (0.5, 0, 0, 0),
+        (0.01, 0.1, 0.02, 0),
+        (0.0, 0, 0.01, -0.002),
+        (-0.4, -0.1, 0, 0.01),
+    ],
 }
 DISTORTIONS = [  # OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4
     (0.0,) * 12,
@@ -39,7 +45,7 @@ def test_a_lens_its_derivatives_and_its_inverse(held_lens) -> None:
     lens = HELD_LENSES[held_lens]
     assert lens.name == held_lens
     for radial in RADIAL[held_lens]:
-        values = np.array(radial)
+        values = np.array(radial, dtype=float)
         limit = increasing_limit(lens, values, np.pi)
         assert limit > np.radians(60)
         theta = np.linspace(0, 0.9 * limit, 200)
@@ -66,7 +72,7 @@ def test_a_lens_its_derivatives_and_its_inverse(held_lens) -> None:
 def test_cahvore_runs_through_pinhole_stereographic_equidistant_and_orthographic() -> None:
     theta = np.linspace(0, 1.2, 50)
     for linearity, expected in ((1, np.tan(theta)), (0.5, 2 * np.tan(theta / 2)), (0, theta), (-1, np.sin(theta))):
-        found = HELD_LENSES["cahvore"].radius(theta, np.array([linearity, 0.0, 0.0]))
+        found = HELD_LENSES["cahvore"].radius(theta, np.array([linearity, 0.0, 0.0, 0.0]))
         np.testing.assert_allclose(found, expected, atol=1e-15)
 
 

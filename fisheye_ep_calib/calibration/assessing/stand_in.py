@@ -6,15 +6,16 @@ one distance; at infinity a pupil shift has no effect.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.assessing.camera_difference import SAME_PIXEL, points_on_rays
-from fisheye_ep_calib.camera import FAR, FisheyeCamera
+from fisheye_ep_calib.calibration.assessing.nearest_camera import nearest_camera
+from fisheye_ep_calib.camera import FAR, LENS_EXTRAS, LENSES, FisheyeCamera
 from fisheye_ep_calib.camera.directions import direction
-from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.errors import CalibrationError
 
 LOSS_DISTANCES = (0.1, 0.3, 1.0, 10.0)  # metres
 _GRID = 25  # pixels a side at which the two cameras are compared
@@ -34,12 +35,15 @@ class StandIn:
     loss_px: dict[float, float]
 
 
-def single_viewpoint(camera: FisheyeCamera, distance: float = np.inf) -> StandIn:
-    """Fit the stand-in for points at a distance (metres, may be infinite) from the camera frame's origin."""
-    from scipy.optimize import least_squares
+def single_viewpoint(
+    camera: FisheyeCamera, distance: float = np.inf, lens: str = "kannala_brandt", extras: Iterable[str] = ()
+) -> StandIn:
+    """Fit the stand-in for points at a distance (metres, may be infinite) from the camera frame's origin.
 
-    pixels, points = _points_over_image(camera, distance)
-    if len(points) < _LEAST_POINTS * len(_points_over_image(camera, np.inf)[0]):
+    lens, extras: what the consumer knows; CameraInfo's has a Kannala–Brandt lens and no extras.
+    """
+    pixels, points = points_over_image(camera, distance)
+    if len(points) < _LEAST_POINTS * len(points_over_image(camera, np.inf)[0]):
         raise CalibrationError(
             f"the camera sees hardly a point at {distance:g} m, nearer than its entrance pupil moves: "
             "choose a larger `svp_distance`"
@@ -50,37 +54,27 @@ def single_viewpoint(camera: FisheyeCamera, distance: float = np.inf) -> StandIn
         camera.fy,
         camera.cx,
         camera.cy,
-        radial=camera.radial if camera.lens == "kannala_brandt" else (0.0, 0.0, 0.0, 0.0),
+        radial=camera.radial if camera.lens == lens else LENSES[lens].start_coefficients,
+        lens=lens,
+        extras={name: camera.extras.get(name, (0.0,) * len(LENS_EXTRAS[name].coefficient_names)) for name in extras},
     )
-    free = np.array([name != "skew" for name in start.parameter_names])
-    scale = np.where(np.arange(free.sum()) < 4, camera.fx, 1.0)
-
-    def trial(values: np.ndarray) -> FisheyeCamera:
-        parameters = start.parameters.copy()
-        parameters[free] = values * scale
-        return start.with_parameters(parameters)
-
-    def error(values: np.ndarray) -> FloatArray:
-        try:
-            difference: FloatArray = _project(trial(values), points) - pixels
-        except InputError:  # a step too far, to no camera at all
-            return np.full(pixels.size, 1e6)
-        return difference.ravel()
-
-    def jacobian(values: np.ndarray) -> FloatArray:
-        _, _, _, d_parameters = trial(values).project_with_jacobian(points)
-        return d_parameters[..., free].reshape(-1, int(free.sum())) * scale
-
-    minimum = least_squares(error, start.parameters[free] / scale, jacobian, method="lm", xtol=1e-14, ftol=1e-14)
-    best = trial(minimum.x)
+    best = nearest_camera(start, ("skew",), points, pixels)
     if not any(best.radial):
         best = best.with_parameters(np.where(np.array(best.parameter_names) == "k1", _NOT_PINHOLE, best.parameters))
+    return StandIn(best, float(distance), loss_px(camera, best))
+
+
+def loss_px(
+    camera: FisheyeCamera, other: FisheyeCamera, distances: Iterable[float] = LOSS_DISTANCES
+) -> dict[float, float]:
+    """RMS over the image, px, of another camera in a camera's place, by distance in metres; NaN where none is seen."""
     losses = {}
-    for loss_distance in LOSS_DISTANCES:
-        pixels, points = _points_over_image(camera, loss_distance)
-        square = ((_project(best, points) - pixels) ** 2).sum(axis=-1)
-        losses[loss_distance] = float(np.sqrt(square.mean())) if len(square) else float("nan")
-    return StandIn(best, float(distance), losses)
+    for distance in distances:
+        pixels, points = points_over_image(camera, distance)
+        seen = FAR * points if np.isinf(distance) else points
+        square = ((_project(other, seen) - pixels) ** 2).sum(axis=-1)
+        losses[distance] = float(np.sqrt(square.mean())) if len(square) else float("nan")
+    return losses
 
 
 def _project(camera: FisheyeCamera, points: np.ndarray) -> np.ndarray:
@@ -95,7 +89,7 @@ def _field(camera: FisheyeCamera) -> tuple[np.ndarray, np.ndarray]:
     return np.clip(pixels.min(axis=0), 0, last), np.clip(pixels.max(axis=0), 0, last)
 
 
-def _points_over_image(camera: FisheyeCamera, distance: float) -> tuple[np.ndarray, np.ndarray]:
+def points_over_image(camera: FisheyeCamera, distance: float) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (n, 2) over the image and the points (n, 3) seen there at a distance from the origin, metres.
 
     At infinity the points are unit directions, projected by a central camera alone.

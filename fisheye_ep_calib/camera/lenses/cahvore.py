@@ -1,8 +1,8 @@
-"""The lens of CAHVOR and CAHVORE: r(θ) = χ (1 + r1 χ² + r2 χ⁴), χ(θ) between a pinhole and a fisheye.
+"""The lens of CAHVOR and CAHVORE: r(θ) = χ (1 + r0 + r1 χ² + r2 χ⁴), χ(θ) between a pinhole and a fisheye.
 
 With the linearity L: χ = tan(Lθ)/L for L > 0 (a pinhole at 1, stereographic at ½), θ for 0, sin(Lθ)/L for L < 0
 (orthographic at −1). Gennery, "Generalized camera calibration including fish-eye lenses", IJCV 68 (2006); mrcal's
-LENSMODEL_CAHVORE, whose r0 is a factor 1 + r0 of the focal length.
+LENSMODEL_CAHVORE. 1 + r0 is a factor of the focal length, but for a tilted axis.
 """
 
 import numpy as np
@@ -13,11 +13,11 @@ _SERIES_BELOW = 0.03  # of Lθ; the next series term there is below 1e-13
 
 
 class Cahvore:
-    """Coefficients: linearity, r1, r2; dimensionless."""
+    """Coefficients: linearity, r0, r1, r2; dimensionless."""
 
     name = "cahvore"
-    coefficient_names = ("linearity", "r1", "r2")
-    start_coefficients = (0.5, 0.0, 0.0)
+    coefficient_names = ("linearity", "r0", "r1", "r2")
+    start_coefficients = (0.5, 0.0, 0.0, 0.0)
 
     @staticmethod
     def _chi(theta: np.ndarray, linearity: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -41,30 +41,30 @@ class Cahvore:
         return chi, slope, by_linearity
 
     def radius(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-        """χ (1 + r1 χ² + r2 χ⁴)."""
-        linearity, r1, r2 = coefficients
+        """χ (1 + r0 + r1 χ² + r2 χ⁴)."""
+        linearity, r0, r1, r2 = coefficients
         chi, _, _ = self._chi(theta, float(linearity))
         square = chi * chi
-        result: np.ndarray = chi * (1 + square * (r1 + square * r2))
+        result: np.ndarray = chi * (1 + r0 + square * (r1 + square * r2))
         return result
 
     def radius_derivative(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-        """dr/dθ = (1 + 3 r1 χ² + 5 r2 χ⁴) dχ/dθ; 0 where |L| θ reaches 90°."""
-        linearity, r1, r2 = coefficients
+        """dr/dθ = (1 + r0 + 3 r1 χ² + 5 r2 χ⁴) dχ/dθ; 0 where |L| θ reaches 90°."""
+        linearity, r0, r1, r2 = coefficients
         chi, slope, _ = self._chi(theta, float(linearity))
-        return np.asarray(_by_chi(chi, r1, r2) * slope)
+        return np.asarray(_by_chi(chi, r0, r1, r2) * slope)
 
     def radius_jacobian(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-        """∂r/∂(L, r1, r2) = ((1 + 3 r1 χ² + 5 r2 χ⁴) ∂χ/∂L, χ³, χ⁵), shape (3, *S)."""
-        linearity, r1, r2 = coefficients
+        """∂r/∂(L, r0, r1, r2) = ((1 + r0 + 3 r1 χ² + 5 r2 χ⁴) ∂χ/∂L, χ, χ³, χ⁵), shape (4, *S)."""
+        linearity, r0, r1, r2 = coefficients
         chi, _, by_linearity = self._chi(theta, float(linearity))
-        return np.stack([_by_chi(chi, r1, r2) * by_linearity, chi**3, chi**5])
+        return np.stack([_by_chi(chi, r0, r1, r2) * by_linearity, chi, chi**3, chi**5])
 
 
-def _by_chi(chi: np.ndarray, r1: float, r2: float) -> np.ndarray:
-    """dr/dχ = 1 + 3 r1 χ² + 5 r2 χ⁴, shape of χ."""
+def _by_chi(chi: np.ndarray, r0: float, r1: float, r2: float) -> np.ndarray:
+    """dr/dχ = 1 + r0 + 3 r1 χ² + 5 r2 χ⁴, shape of χ."""
     square = chi * chi
-    return 1 + square * (3 * r1 + square * 5 * r2)
+    return np.asarray(1 + r0 + square * (3 * r1 + square * 5 * r2))
 
 
 CAHVORE = Cahvore()

@@ -14,7 +14,7 @@ class Perspective:
 
     def radius(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """tanθ; meaningless beyond 89.4°, where the derivative is 0."""
-        return np.tan(theta)
+        return np.asarray(np.tan(theta))
 
     def radius_derivative(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """dr/dθ = 1/cos²θ; 0 where there is no image."""
