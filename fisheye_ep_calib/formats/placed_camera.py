@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fisheye_ep_calib.calibration.assessing.stand_in import StandIn
 
 KANNALA_BRANDT = "kannala_brandt"
-_ROUNDING = 1e-9  # px
+_ROUNDING = 1e-6  # px
 _LOSSES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
 
 
