@@ -18,7 +18,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.formats.foreign_camera import ForeignCamera, fisheye_camera, pinhole_camera
 from fisheye_ep_calib.formats.format import Format, Named, Written
-from fisheye_ep_calib.formats.opencv_text import plain_data, xml_data
+from fisheye_ep_calib.formats.opencv_text import matrix_of, plain_data, xml_data
 from fisheye_ep_calib.formats.placed_camera import PlacedCamera, statement
 
 _MATRIX = ("cameramatrix", "k", "m", "intrinsics", "intrinsicmatrix", "mtx")
@@ -83,14 +83,18 @@ def read(text: str) -> list[ForeignCamera]:
         if matrix is None or distortion is None:
             continue
         name = str(keys.get(f"name{number}", f"camera{number}" if number else "camera"))
-        cameras.append(_camera(name, np.asarray(matrix, dtype=float), distortion, keys, number))
+        cameras.append(_camera(name, _array(matrix), _array(distortion).ravel().tolist(), keys, number))
     if not cameras:
         raise InputError("no camera matrix with distortion coefficients is in it, under names known here")
     return cameras
 
 
-def _camera(name: str, matrix: np.ndarray, distortion: Any, keys: dict[str, Any], number: str) -> ForeignCamera:
-    values = [float(value) for value in np.ravel(distortion)]
+def _array(value: Any) -> np.ndarray:
+    """A matrix as OpenCV writes it, or a list of numbers."""
+    return matrix_of(value) if isinstance(value, dict) else np.array(value, dtype=float)
+
+
+def _camera(name: str, matrix: np.ndarray, values: list[float], keys: dict[str, Any], number: str) -> ForeignCamera:
     size = _image_size(keys, number)
     fisheye = keys.get("fisheyemodel", keys.get("fisheye"))
     if fisheye is None and len(values) == 4:
@@ -107,7 +111,7 @@ def _image_size(keys: dict[str, Any], number: str) -> tuple[int, int]:
     for end in dict.fromkeys((number, "")):
         size = _found(keys, _SIZE, end)
         if size is not None:
-            width, height = (int(value) for value in np.ravel(size))
+            width, height = (int(value) for value in _array(size).ravel())
             return width, height
         found = [_found(keys, names, end) for names in (_WIDTH, _HEIGHT)]
         if None not in found:

@@ -14,7 +14,6 @@ from fisheye_ep_calib.formats import FORMATS, PlacedCamera
 from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
 from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.storage.atomic import atomic_write
-from fisheye_ep_calib.storage.rig_file import is_rig_file, load_rig
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,8 @@ def export(
 
 def placed_cameras(camera: AnyCamera, svp_distance: float | None = None) -> Sequence[PlacedCamera]:
     """The cameras of a rig file where they are, the reference first; or one camera."""
+    from fisheye_ep_calib.storage.rig_file import is_rig_file  # what calibrates rigs takes long to load
+
     if isinstance(camera, str | PathLike) and is_rig_file(Path(camera)):
         return _of_rig(Path(camera), svp_distance)
     known = known_camera(camera)
@@ -75,6 +76,8 @@ def placed_cameras(camera: AnyCamera, svp_distance: float | None = None) -> Sequ
 
 
 def _of_rig(path: Path, svp_distance: float | None) -> list[PlacedCamera]:
+    from fisheye_ep_calib.storage.rig_file import load_rig
+
     rig = load_rig(path)
     names = sorted(rig.reference_from_camera, key=lambda name: name != rig.reference)
     number = {name: index for index, name in enumerate(names)}
