@@ -2,50 +2,111 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations
-from fisheye_ep_calib.calibration.assessing.diagnosis import RING_DEGREES
+from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.planning.guidance import next_view
-from fisheye_ep_calib.rotation import placed
-from fisheye_ep_calib.target.shape.frame import board_middle
+from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight, light_ends
+from fisheye_ep_calib.planning.field import RING_DEGREES, SECTORS, Field
+from fisheye_ep_calib.planning.first_views import assumed_camera, first_views
+from fisheye_ep_calib.planning.guidance import (
+    Suggestion,
+    candidates,
+    faces_away,
+    few_points,
+    next_views,
+    sigma_against_guided,
+)
+from fisheye_ep_calib.planning.view_selection import ViewSignature, view_signature
+from fisheye_ep_calib.target import Target
 
-REACH = (0.7, 1.0, 1.5)  # distances that are suggested, as multiples of the least, median and largest so far
+GOAL_ANGLE = 60  # degrees at which the band is held against the goal
+AHEAD = 6  # poses planned: a calibration takes as long as a few views
+# What the person who holds the target can do something about, the most urgent first; other findings come after these.
+_BY_SHOWING = ("few_views", "coverage", "depth", "pupil_against_depth", "near_far")
 
 
 @dataclass(frozen=True)
-class Advice:
-    """sentence: where to hold the target next. outline (k, 2): there, its edge in the image, pixels.
+class Wanted:
+    """A pose to be shown. sentence: in words. outline (k, 2): the board's edge there, pixels, in order.
 
-    figures: coverage and concerns, JSON-ready.
+    signature: of the view as it would be; None where too little of the board would be seen to tell.
     """
 
     sentence: str
     outline: np.ndarray
+    signature: ViewSignature | None
+    suggestion: Suggestion
+
+
+@dataclass(frozen=True)
+class Advice:
+    """plan: poses to show in turn. findings: those open, the most urgent first, in words; lacking: of these,
+    what showing the target more can end. figures: coverage and concerns, JSON-ready.
+
+    against_guided: σ of E at GOAL_ANGLE over what 40 guided views are predicted to give; NaN where that cannot be told.
+    """
+
+    plan: tuple[Wanted, ...]
+    findings: tuple[str, ...]
+    lacking: tuple[str, ...]
     figures: dict[str, Any]
+    against_guided: float = float("nan")
 
 
-def advise(result: CalibrationResult, observations: Observations) -> Advice:
-    """From a calibration and what it was made from."""
-    diagnosis = result.diagnosis
-    covered = (diagnosis.counts > 0)[diagnosis.reachable]
-    figures = {
-        "coverage": round(float(covered.mean()), 3) if covered.size else 0.0,
-        "coverage_ring_deg": RING_DEGREES,
-        "coverage_counts": diagnosis.counts.tolist(),
-        "concerns": [finding.sentence for finding in diagnosis.findings if finding.concern],
-    }
+def advise(
+    result: CalibrationResult,
+    observations: Observations,
+    board: Board,
+    sight: Sight = EVERYWHERE,
+    tried: Sequence[Suggestion] = (),
+) -> Advice:
+    """From a calibration and what it was made from. tried: poses that could not be reached."""
     camera = _with_pupil(result.camera)
-    poses, points = result.camera_from_target, observations.object_points
-    away = np.linalg.norm(placed(poses, board_middle(points)), axis=-1)
-    distances = tuple(float(part) for part in np.array([away.min(), np.median(away), away.max()]) * REACH)
-    wanted = next_view(camera, points, poses, distances)
-    outline = _outline(result.camera, points, wanted.camera_from_target)
-    return Advice(wanted.sentence, outline, {**figures, "gain": round(wanted.gain, 3)})
+    poses = result.camera_from_target
+    offered = candidates(camera, board, faces_away(board, poses), sight)
+    ends = light_ends(camera, 2 * np.pi * np.arange(SECTORS) / SECTORS, sight)
+    field = Field.of(few_points(board.points), poses, offered.poses, ends)
+    findings = _open([field.finding, *(one for one in result.diagnosis.findings if one.name != "coverage")])
+    suggestions = next_views(camera, board, poses, offered, AHEAD, field, tried)
+    against = sigma_against_guided(camera, board, poses, offered, _goal_angle(camera))
+    rings = int(np.flatnonzero(field.reachable.any(axis=1)).max(initial=0)) + 1
+    figures = {
+        "coverage": round(field.share, 3),
+        "coverage_ring_deg": RING_DEGREES,
+        "coverage_counts": field.counts[:rings].tolist(),
+        "coverage_reachable": field.reachable[:rings].tolist(),
+        "concerns": [finding.sentence for finding in findings],
+        "gain": round(suggestions[0].gain, 3) if suggestions else 0.0,
+        "sigma_against_40_guided": round(against, 3) if np.isfinite(against) else None,
+    }
+    plan = tuple(_wanted(one, result.camera, board) for one in suggestions)
+    told = tuple(finding.sentence for finding in findings)
+    lacking = tuple(finding.sentence for finding in findings if finding.name in _BY_SHOWING)
+    return Advice(plan, told, lacking, figures, against)
+
+
+def first_plan(
+    target: Target, image_size: tuple[int, int], sight: Sight, known: FisheyeCamera | None = None
+) -> tuple[Wanted, ...]:
+    """What to show before the first calibration. known: the camera, where a file has it."""
+    board = Board.of(target)
+    views = first_views(board, image_size, sight, not target.y_up, known)
+    return tuple(_wanted(one, known or assumed_camera(image_size, sight), board) for one in views)
+
+
+def _open(findings: Sequence[Finding]) -> list[Finding]:
+    rank = {name: number for number, name in enumerate(_BY_SHOWING)}
+    return sorted((one for one in findings if one.concern), key=lambda one: rank.get(one.name, len(rank)))
+
+
+def _goal_angle(camera: FisheyeCamera) -> float:
+    return min(float(np.radians(GOAL_ANGLE)), camera.theta_max)
 
 
 def _with_pupil(camera: FisheyeCamera) -> FisheyeCamera:
@@ -55,13 +116,10 @@ def _with_pupil(camera: FisheyeCamera) -> FisheyeCamera:
     return replace(camera, model="ep_even", coefficients=(0.0, 0.0))
 
 
-def _outline(camera: FisheyeCamera, points: np.ndarray, camera_from_target: np.ndarray) -> np.ndarray:
-    """The rectangle around the target's points as the camera would see it, pixels (k, 2), in order."""
-    (left, top), (right, bottom) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
-    part = np.linspace(0, 1, 12, endpoint=False)[:, None]
-    edge = np.concatenate([a + part * (b - a) for a, b in zip(corners, corners[1:], strict=False)])
-    in_camera = np.column_stack([edge, np.zeros(len(edge))]) @ camera_from_target[:3, :3].T
-    pixels, valid = replace(camera, theta_max=np.pi).project(in_camera + camera_from_target[:3, 3])
-    result: np.ndarray = pixels[valid]
-    return result
+def _wanted(suggestion: Suggestion, camera: FisheyeCamera, board: Board) -> Wanted:
+    camera = replace(camera, theta_max=np.pi)
+    pose = suggestion.camera_from_target
+    outline, outline_valid = camera.project(board.outline @ pose[:3, :3].T + pose[:3, 3])
+    pixels, valid = camera.project(board.points @ pose[:3, :3].T + pose[:3, 3])
+    signature = view_signature(board.points[valid], pixels[valid], camera.image_size)
+    return Wanted(suggestion.sentence, outline[outline_valid], signature, suggestion)

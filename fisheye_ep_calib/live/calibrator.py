@@ -195,6 +195,8 @@ class LiveCalibrator:
 
     def _camera(self, settings: CameraSettings, views: CameraViews, workplace: Workplace) -> LiveCamera:
         def tell(outcome: Outcome | None) -> None:
+            if outcome is not None and outcome.advice is not None:
+                self.cameras[settings.name].follow(outcome.advice.plan)
             self._listener.calibrated(settings.name, outcome)
 
         return LiveCamera(views, settings.model, workplace, tell, settings.initial)
@@ -210,13 +212,12 @@ class LiveCalibrator:
         if not self._listener.wants_picture(camera.name):
             return None
         nothing = np.empty((0, 2))
-        outcome = camera.outcome
-        advice = None if outcome is None else outcome.advice
+        wanted = None if camera.views.full else camera.guide.wanted
         lines = [headline(camera), next_step(camera, self._tuning)]
         if self.rig is not None:
             lines.append(f"rig: {self.rig.next_step}")
         covered = np.concatenate([nothing, *(view.pixels for view in camera.views.kept)])
-        return OverlayRequest(covered, nothing if advice is None else advice.outline, tuple(lines))
+        return OverlayRequest(covered, nothing if wanted is None else wanted.outline, tuple(lines))
 
     def _task_failed(self, text: str) -> None:
         self._announcer.warn_once("pool", f"this should not happen: {text}")
@@ -235,6 +236,7 @@ class LiveCalibrator:
         except CalibrationError as failure:
             camera.not_written(failure)
             verdict = Verdict.KEPT
+        camera.searched(sighting, verdict)
         if verdict is Verdict.OTHER_SIZE:
             self._tell_other_size(views, sighting)
         if verdict is Verdict.KEPT:

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fisheye_ep_calib.live.advice import Wanted, first_plan
 from fisheye_ep_calib.live.answer import Answer
-from fisheye_ep_calib.live.camera_views import CameraViews
+from fisheye_ep_calib.live.camera_views import CameraViews, Verdict
+from fisheye_ep_calib.live.frame import Sighting
+from fisheye_ep_calib.live.guide import Guide
+from fisheye_ep_calib.live.look import Looks
 from fisheye_ep_calib.live.outcome import Outcome, calibrate_views
+from fisheye_ep_calib.live.seeing import Seeing
+from fisheye_ep_calib.live.settings import RELATIVE_GOAL, Tuning
 from fisheye_ep_calib.live.subject import Basis, Subject, Workplace
+from fisheye_ep_calib.live.view_store import view_of
+from fisheye_ep_calib.planning.detectability import Board
+
+_FRAMES_A_PLAN = 10  # before the first calibration; the more is seen, the better is the plan
 
 
 class LiveCamera(Subject[Outcome]):
-    """One camera. views: what it has been shown."""
+    """One camera. views: what it has been shown. seeing: how far and how sharply it sees. guide: what it asks for.
+
+    looks: what became of its frames.
+    """
 
     calibrator = staticmethod(calibrate_views)
 
@@ -29,7 +42,9 @@ class LiveCamera(Subject[Outcome]):
         super().__init__(views.name, workplace, tell, initial)
         self.views = views
         self.camera_file = views.file.with_name(f"{views.name}.yaml")
+        self.seeing, self.guide, self.looks = Seeing(), Guide(), Looks()
         self._model = model
+        self._board = Board.of(views.target)
 
     @property
     def unwritten(self) -> bool:
@@ -54,7 +69,9 @@ class LiveCamera(Subject[Outcome]):
         return len(self.views.kept) >= self._workplace.tuning().minimum_views
 
     def arguments(self, basis: Basis) -> tuple[Any, ...]:
-        return self.views.observations(), self._model, self.name, str(self.views.file)
+        observations = self.views.observations()
+        sight, tried = self.seeing.sight(), self.guide.tried
+        return observations, self._model, self.name, str(self.views.file), self._board, sight, tried
 
     def objection(self, outcome: Outcome, before: Outcome) -> str:
         return "the calibration from fewer views knows more" if outcome.worse_than(before) else ""
@@ -66,7 +83,35 @@ class LiveCamera(Subject[Outcome]):
         self.views.write(again)
 
     def forget_views(self) -> str:
-        return f"{self.views.forget()} views set aside"
+        forgotten = f"{self.views.forget()} views set aside"
+        self.guide.forget()
+        self.seeing.forget()
+        return forgotten
+
+    def searched(self, sighting: Sighting, verdict: Verdict) -> None:
+        """A frame was searched: go on to the next pose where this one is reached."""
+        self.seeing.take(sighting)
+        self.looks.take(sighting, verdict)
+        outcome = self.outcome
+        due = self.looks.last.number % _FRAMES_A_PLAN == 1
+        if due and (outcome is None or outcome.advice is None):
+            known = None if outcome is None else outcome.camera
+            self.follow(first_plan(self.views.target, sighting.image_size, self.seeing.sight(), known))
+        view = view_of(sighting, self.views.target) if len(sighting.detection) else None
+        self.guide.searched(None if view is None else view.signature)
+
+    def follow(self, plan: Sequence[Wanted]) -> None:
+        """Ask for these poses, but for those that kept views show."""
+        self.guide.follow(plan, [view.signature for view in self.views.kept])
+
+    def reached(self, tuning: Tuning) -> bool:
+        """Whether the goal is: E known as well as wanted, and nothing open that showing the target could end."""
+        outcome = self.outcome
+        if outcome is None or outcome.advice is None or outcome.advice.lacking:
+            return False
+        if tuning.goal_mm > 0:
+            return outcome.pupil_band_mm <= tuning.goal_mm
+        return outcome.advice.against_guided <= RELATIVE_GOAL
 
     def summary(self) -> Answer:
         standing = self.standing

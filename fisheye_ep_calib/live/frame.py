@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
 from fisheye_ep_calib.calibration import Observations
@@ -16,7 +17,9 @@ from fisheye_ep_calib.storage.grey_levels import to_eight_bits, to_levels
 from fisheye_ep_calib.storage.images import grey_image, grey_of_compressed
 from fisheye_ep_calib.target import Detection, Detector, Target
 from fisheye_ep_calib.target.second_look import look_again
+from fisheye_ep_calib.target.sharpness import edge_blur
 
+LIGHT_CELLS = 64
 _LEAST_FOUND_AGAIN = 0.8  # of the points of the first look
 
 
@@ -57,13 +60,16 @@ class RawFrame:
 class Sighting:
     """What was found in one frame: its name, its size (width, height) and the target's features.
 
-    picture: the overlay (h, w, 3) uint8, blue green red, where one was asked for.
+    picture: the overlay (h, w, 3) uint8, blue green red, where one was asked for. light (rows, columns) uint8: the
+    image in a few cells. blur: σ of the edges about the features, pixels; NaN where none were found.
     """
 
     name: str
     image_size: tuple[int, int]
     detection: Detection
     picture: np.ndarray | None = None
+    light: np.ndarray | None = None
+    blur: float = float("nan")
 
 
 def detect_in_frame(
@@ -83,7 +89,26 @@ def detect_in_frame(
     if camera is not None and camera.image_size == (width, height):
         detection = second_look(detector, to_levels(grey), detection, target, camera)
     picture = draw_overlay(image, detection, overlay) if overlay else None
-    return Sighting(frame.name, (width, height), detection, picture)
+    return Sighting(
+        frame.name, (width, height), detection, picture, light_of(image), blur_about(image, detection.pixels)
+    )
+
+
+def light_of(image: np.ndarray) -> np.ndarray:
+    """A grey image (h, w) uint8 in LIGHT_CELLS cells along its longer side."""
+    scale = LIGHT_CELLS / max(image.shape)
+    size = tuple(max(1, round(scale * length)) for length in image.shape[::-1])
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+def blur_about(image: np.ndarray, pixels: np.ndarray) -> float:
+    """σ of the blur of the edges in the part of an image that holds pixels (n, 2); NaN where there are none."""
+    if len(pixels) == 0:
+        return float("nan")
+    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
+    high = np.ceil(pixels.max(axis=0)).astype(int) + 1
+    part = image[low[1] : high[1], low[0] : high[0]]
+    return edge_blur(part) if min(part.shape) > 8 else float("nan")
 
 
 def second_look(

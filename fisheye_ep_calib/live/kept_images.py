@@ -14,7 +14,7 @@ from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.frame import RawFrame
 from fisheye_ep_calib.storage.atomic import atomic_write
-from fisheye_ep_calib.storage.images import as_bytes, decoded_file, grey_image, grey_of_samples
+from fisheye_ep_calib.storage.images import grey_image, grey_of_compressed
 
 _RECENT = 8  # frames of a camera that another camera's view may still ask for
 _MOST_WAITING = 50  # images that wait for the disk; of more, the oldest are given up
@@ -82,7 +82,7 @@ class KeptImages:
 
 def _png(frame: RawFrame) -> bytes:
     """The frame in grey, as deep as it came."""
-    image = grey_of_samples(decoded_file(as_bytes(frame.data))) if frame.compressed else grey_image(frame)
+    image = grey_of_compressed(frame) if frame.compressed else grey_image(frame)
     if image.dtype == np.float32:
         low, high = float(np.nanmin(image)), float(np.nanmax(image))
         image = np.nan_to_num((image - low) * (65535 / max(high - low, 1e-30))).astype(np.uint16)

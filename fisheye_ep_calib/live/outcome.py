@@ -15,8 +15,10 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import entrance_pupil_band
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, plain_camera_info
 from fisheye_ep_calib.camera.directions import direction
-from fisheye_ep_calib.live.advice import Advice, advise
+from fisheye_ep_calib.live.advice import GOAL_ANGLE, Advice, advise
 from fisheye_ep_calib.outside import read_text_outside
+from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight
+from fisheye_ep_calib.planning.guidance import Suggestion
 from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
 from fisheye_ep_calib.yaml_file import MOST_BYTES
 
@@ -35,7 +37,6 @@ TOLD = (
     "svp_loss_px",
     "findings",
 )
-GOAL_ANGLE = 60  # degrees at which the band is held against the goal
 DISTANCES = (0.15, 10.0)  # metres at which the projection's uncertainty is taken
 
 
@@ -75,8 +76,19 @@ class Outcome:
         return self.camera.model == other.camera.model and self.uncertainty_px > 1.1 * other.uncertainty_px
 
 
-def calibrate_views(observations: Observations, model: str, name: str, source: str) -> Outcome:
-    """Calibrate camera ``name``; what a worker process runs. Raises CalibrationError."""
+def calibrate_views(
+    observations: Observations,
+    model: str,
+    name: str,
+    source: str,
+    board: Board,
+    sight: Sight = EVERYWHERE,
+    tried: tuple[Suggestion, ...] = (),
+) -> Outcome:
+    """Calibrate camera ``name``; what a worker process runs. board, sight, tried: for the advice.
+
+    Raises CalibrationError.
+    """
     result = calibrate(observations, model=model)
     spread = uncertainty_px(result)
     return Outcome(
@@ -85,7 +97,7 @@ def calibrate_views(observations: Observations, model: str, name: str, source: s
         yaml=camera_yaml(result, name, source),
         info=plain_camera_info(result.stand_in.camera),
         figures=_figures(result, spread),
-        advice=advise(result, observations),
+        advice=advise(result, observations, board, sight, tried),
         uncertainty_px=spread,
         covariance=result.uncertainty.covariance,
     )

@@ -10,6 +10,8 @@ from fisheye_ep_calib.planning.view_selection import Novelty
 from fisheye_ep_calib.rig import USUAL_TOLERANCE
 from fisheye_ep_calib.target import Target
 
+RELATIVE_GOAL = 1.3  # σ of E(60°) over what 40 guided views are predicted to give, at which it is enough
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -71,10 +73,10 @@ class Tuning:
     """What may change while the calibrator runs.
 
     auto_calibrate: calibrate without being asked, from minimum_views on. limits: which views are kept.
-    goal_mm: standard deviation of E(60°) at which the user is told that it is enough.
+    goal_mm: standard deviation of E(60°) at which the user is told that it is enough; 0: RELATIVE_GOAL holds.
     """
 
     auto_calibrate: bool = True
     minimum_views: int = 10
-    goal_mm: float = 0.05
+    goal_mm: float = 0.0
     limits: Limits = Limits()

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
+import numpy as np
+
 from fisheye_ep_calib.live.camera import LiveCamera
+from fisheye_ep_calib.live.look import Look
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.rig import LiveRig
 from fisheye_ep_calib.live.rig_outcome import RigOutcome
@@ -75,13 +79,33 @@ def camera_status(camera: LiveCamera, reception: Reception, warnings: list[str],
         "largest_delay_s": reception.largest_delay,
         "guidance": outcome.advice.figures if outcome is not None and outcome.advice is not None else None,
         "goal_entrance_pupil_mm": tuning.goal_mm,
+        "goal_reached": camera.reached(tuning),
+        "wanted": _wanted(camera),
+        **_event(camera.looks.since_asked()),
         **_standing(camera.unwritten, outcome, warnings),
     }
     if reception.silent:
         return Status(camera.name, Level.STALE, f"no image on {reception.topic}", "start the camera", values)
     message = f"calibrated ({outcome.figures['model']})" if outcome is not None else "collecting"
-    level, message = _level(warnings, f"{message}, {views} views")
+    findings = () if outcome is None or outcome.advice is None else outcome.advice.findings
+    level, message = _level([*warnings, *findings], f"{message}, {views} views")
     return Status(camera.name, level, message, next_step(camera, tuning), values)
+
+
+def _wanted(camera: LiveCamera) -> dict[str, Any] | None:
+    """Where to hold the target next, and from where it is now how to get there."""
+    wanted, steering = camera.guide.wanted, camera.guide.steering
+    if wanted is None or camera.views.full:
+        return None
+    return {
+        "sentence": wanted.sentence,
+        "outline_px": np.round(wanted.outline, 1).tolist(),
+        "move": None if steering is None else steering.sentence,
+    }
+
+
+def _event(look: Look) -> dict[str, Any]:
+    return {"event": look.event.value, "event_points": look.points, "event_reason": look.reason}
 
 
 def rig_status(rig: LiveRig, warnings: list[str]) -> Status:
@@ -123,19 +147,31 @@ def _level(warnings: list[str], message: str) -> tuple[Level, str]:
 
 
 def next_step(camera: LiveCamera, tuning: Tuning) -> str:
-    """What would help most, in one sentence."""
-    views, outcome = len(camera.views.kept), camera.outcome
-    if views == 0 and camera.views.counters.detected == 0:
+    """What would help most, in a sentence or two."""
+    views, outcome, wanted = len(camera.views.kept), camera.outcome, camera.guide.wanted
+    pose = "move and tilt the target: near, far and at the edge of the image" if wanted is None else wanted.sentence
+    if camera.views.full:
+        rest = "save" if outcome is not None and outcome.advice is not None else "call ~/calibrate"
+        return f"{views} views are kept, as many as maximum_views wants: {rest}"
+    if outcome is None and views == 0 and wanted is None:
         return "hold the target before the camera"
     if views < tuning.minimum_views:
-        return f"move and tilt the target: {tuning.minimum_views - views} more views are wanted"
+        return f"{pose}: {tuning.minimum_views - views} more views are wanted"
     if outcome is None:
-        return "call ~/calibrate, or go on moving the target"
+        return f"call ~/calibrate, or go on: {pose}"
     if outcome.advice is None:
-        return "move and tilt the target: near, far and at the edge of the image"
-    if outcome.pupil_band_mm <= tuning.goal_mm:
-        return f"the entrance pupil is known to {outcome.pupil_band_mm:.2g} mm, the goal: save, or go on"
-    return outcome.advice.sentence
+        return pose
+    if camera.reached(tuning):
+        known = f"the entrance pupil is known to {outcome.pupil_band_mm:.2g} mm, "
+        known = known if np.isfinite(outcome.pupil_band_mm) else ""
+        return f"the goal is reached: {known}save, or go on" + _besides(outcome.advice.findings)
+    if outcome.advice.lacking:
+        return f"{outcome.advice.lacking[0]}. Next: {pose}"
+    return pose
+
+
+def _besides(findings: Sequence[str]) -> str:
+    return f"; besides, {findings[0]}" if findings else ""
 
 
 def headline(camera: LiveCamera) -> str:

@@ -1,34 +1,42 @@
-"""Where to hold the target next: the pose that narrows what is known least about E(θ) and r(θ) most.
+"""Where to hold the target next: poses that narrow most what is known least about E(θ) and r(θ), and can be seen.
 
 A greedy design (view_information.variance_reduction): the variances, each relative to its present value, are those
-of E(θ) and of r(θ) over the field.
+of E(θ) and of r(θ) over the field. Where parts of the field are not covered yet, a pose that covers some is worth more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, sector_of
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight, detectable
+from fisheye_ep_calib.planning.field import Field
 from fisheye_ep_calib.planning.view_information import variance_reduction, view_information
 from fisheye_ep_calib.rotation import placed, rotation_from_vector
 from fisheye_ep_calib.target.shape.frame import board_middle
 
-_DIRECTIONS = np.radians([0.0, 30.0, 50.0, 65.0, 78.0, 88.0])
+_DIRECTIONS = np.radians([0.0, 20.0, 35.0, 50.0, 60.0, 70.0, 78.0, 86.0])
 _AZIMUTHS = 8
 _TILTS = np.radians([0.0, 25.0, 45.0])
 _TILT_AZIMUTHS = 4
 _MOST_POINTS = 40  # of the target: enough to tell poses apart
+_DISTANCES = 7  # from the nearest at which the board may be held to the farthest at which its features are seen
+_NEAREST, _FARTHEST = 0.9, 10.0  # in half diagonals of the board
+_FIELD = 0.2  # share of the variances that covering a ring of the field, or doubling the depth at the rim, is worth
+_SAME_ANGLE, _SAME_DISTANCE = np.radians(15.0), 1.3  # within which a pose is one that was tried
 
 
 @dataclass(frozen=True)
 class Suggestion:
     """A pose worth recording. theta, azimuth: direction of the target's middle, rad; distance: metres; tilt: rad.
 
-    camera_from_target (4, 4). gain: the share by which these variances would shrink in the mean.
+    camera_from_target (4, 4). gain: the share by which these variances would shrink in the mean. guessed: the camera
+    is not known yet, nor then are angles and distances.
     """
 
     theta: float
@@ -37,43 +45,140 @@ class Suggestion:
     tilt: float
     camera_from_target: np.ndarray
     gain: float
+    guessed: bool = False
 
     @property
     def sentence(self) -> str:
         """What to tell the person who holds the target."""
+        if self.guessed:
+            return f"hold the target {self.where}, as large as the outline, {self.how}"
+        return f"hold the target {self.where}, about {100 * self.distance:.0f} cm away, {self.how}"
+
+    @property
+    def where(self) -> str:
         degrees = np.degrees(self.theta)
+        if degrees <= 10:
+            return "in the middle of the image"
         sector = SECTOR_NAMES[sector_of(self.azimuth, len(SECTOR_NAMES))]
-        where = "in the middle of the image"
-        if degrees > 10:
-            where = (
-                f"towards the {sector} {'edge' if degrees > 60 else 'part'} of the image ({degrees:.0f}° off the axis)"
+        place = f"towards the {sector} {'edge' if degrees > 60 else 'part'} of the image"
+        return place if self.guessed else f"{place} ({degrees:.0f}° off the axis)"
+
+    @property
+    def how(self) -> str:
+        if self.tilt < np.radians(10):
+            return "facing the camera"
+        return f"tilted by about {np.degrees(self.tilt):.0f}°"
+
+    def like(self, other: Suggestion) -> bool:
+        """Whether the two are nearly the same place and distance."""
+        directions = [
+            np.array(
+                [np.sin(one.theta) * np.cos(one.azimuth), np.sin(one.theta) * np.sin(one.azimuth), np.cos(one.theta)]
             )
-        how = "facing the camera" if self.tilt < np.radians(10) else f"tilted by about {np.degrees(self.tilt):.0f}°"
-        return f"hold the target {where}, about {100 * self.distance:.0f} cm away, {how}"
+            for one in (self, other)
+        ]
+        angle = np.arccos(np.clip(directions[0] @ directions[1], -1, 1))
+        nearer, farther = sorted((self.distance, other.distance))
+        return bool(angle < _SAME_ANGLE and farther < _SAME_DISTANCE * nearer)
 
 
-def next_view(
-    camera: FisheyeCamera,
-    object_points: np.ndarray,
-    camera_from_target: np.ndarray,
-    distances: tuple[float, ...],
-) -> Suggestion:
-    """The pose among a grid of them that would tell most.
+class Candidates(NamedTuple):
+    """grid (F, 4) of (θ, azimuth, distance, tilt); poses (F, 4, 4); information (F, P, P) on the camera."""
 
-    camera: as calibrated so far, with a pupil model; object_points (n, 3), metres; camera_from_target (V, 4, 4): the
-    views so far; distances: metres, where the target may be held.
+    grid: np.ndarray
+    poses: np.ndarray
+    information: np.ndarray
+
+    def suggestion(self, number: int, gain: float) -> Suggestion:
+        theta, azimuth, distance, tilt = (float(value) for value in self.grid[number])
+        return Suggestion(theta, azimuth, distance, tilt, self.poses[number], gain)
+
+
+def candidates(camera: FisheyeCamera, board: Board, away: bool, sight: Sight = EVERYWHERE) -> Candidates:
+    """Poses that the detector could see, over the whole field, near and far; none where it can see none.
+
+    camera: as calibrated so far, with a pupil model. away: whether the board's z axis points away from the camera.
     """
-    step = max(1, len(object_points) // _MOST_POINTS)
-    points = object_points[::step]
-    camera = replace(camera, theta_max=np.pi)
-    so_far = view_information(camera, points, camera_from_target).information.sum(axis=0)
-    grid, poses = _candidate_poses(object_points, camera_from_target, distances)
-    information = view_information(camera, points, poses).information
+    distances = _distances(camera, board, sight)
+    grid, poses = candidate_poses(board.points, away, distances)
+    seen = detectable(camera, board, poses, sight)
+    grid, poses = grid[seen], poses[seen]
+    information = view_information(replace(camera, theta_max=np.pi), few_points(board.points), poses).information
+    return Candidates(grid, poses, information)
+
+
+def next_views(
+    camera: FisheyeCamera,
+    board: Board,
+    camera_from_target: np.ndarray,
+    offered: Candidates,
+    count: int = 1,
+    field: Field | None = None,
+    tried: Sequence[Suggestion] = (),
+) -> list[Suggestion]:
+    """The views to take next, each the one that tells most once those before it are taken; fewer where none is left.
+
+    camera_from_target (V, 4, 4): the views so far. field: what is covered of what can be: poses that cover more come
+    first. tried: poses that could not be reached.
+    """
+    so_far = view_information(
+        replace(camera, theta_max=np.pi), few_points(board.points), camera_from_target
+    ).information.sum(axis=0)
     sought = sought_rows(camera)
-    gain = variance_reduction(information, so_far, sought) / len(sought)
-    best = int(np.argmax(gain))
-    theta, azimuth, distance, tilt = (float(value) for value in grid[best])
-    return Suggestion(theta, azimuth, distance, tilt, poses[best], float(gain[best] / (1 + gain[best])))
+    left = np.ones(len(offered.grid), dtype=bool)
+    for number in range(len(left)):
+        left[number] = not any(offered.suggestion(number, 0.0).like(one) for one in tried)
+    chosen: list[Suggestion] = []
+    while len(chosen) < count and left.any():
+        gain = variance_reduction(offered.information, so_far, sought) / len(sought)
+        share = gain / (1 + gain)
+        worth = share if field is None else share + _FIELD * field.worth(offered.poses)
+        best = int(np.argmax(np.where(left, worth, -np.inf)))
+        chosen.append(offered.suggestion(best, float(share[best])))
+        so_far = so_far + offered.information[best]
+        field = None if field is None else field.with_view(offered.poses[best])
+        left &= ~np.array([chosen[-1].like(offered.suggestion(number, 0.0)) for number in range(len(left))])
+    return chosen
+
+
+def sigma_against_guided(
+    camera: FisheyeCamera,
+    board: Board,
+    camera_from_target: np.ndarray,
+    offered: Candidates,
+    theta: float,
+    views: int = 40,
+) -> float:
+    """σ of E(theta) from the views so far over that from so many guided ones, both from their geometry alone.
+
+    With M the information of either set, σ² = bᵀ M⁻¹ b, b the pupil's basis at theta. The guided set is chosen
+    greedily from nothing. NaN where there is nothing to choose from.
+    """
+    if len(offered.grid) == 0:
+        return float("nan")
+    own = view_information(replace(camera, theta_max=np.pi), few_points(board.points), camera_from_target)
+    so_far = own.information.sum(axis=0)
+    row = np.zeros(len(camera.parameters))
+    row[camera.parameter_slice("coefficients")] = camera.pupil_family.basis(np.array(theta), len(camera.coefficients))
+    sought = sought_rows(camera)
+    guided = 1e-3 * so_far / max(len(camera_from_target), 1)
+    left = np.ones(len(offered.grid), dtype=bool)
+    for _ in range(min(views, len(left))):
+        gain = variance_reduction(offered.information, guided, sought)
+        best = int(np.argmax(np.where(left, gain, -np.inf)))
+        guided, left[best] = guided + offered.information[best], False  # the same view again would not be kept
+    return float(np.sqrt(_variance(so_far, row) / _variance(guided, row)))
+
+
+def few_points(points: np.ndarray) -> np.ndarray:
+    """Some of the target's points (n, 3), spread over it."""
+    return points[:: max(1, len(points) // _MOST_POINTS)]
+
+
+def faces_away(board: Board, camera_from_target: np.ndarray) -> bool:
+    """Whether the board's z axis points away from the camera, in the views (V, 4, 4) so far."""
+    in_camera = placed(camera_from_target, board_middle(board.points))
+    return bool(np.median((camera_from_target[:, :3, 2] * in_camera).sum(axis=-1)) > 0)
 
 
 def sought_rows(camera: FisheyeCamera) -> np.ndarray:
@@ -90,16 +195,18 @@ def sought_rows(camera: FisheyeCamera) -> np.ndarray:
     return np.concatenate([pupil, radial])
 
 
-def _candidate_poses(
-    object_points: np.ndarray, camera_from_target: np.ndarray, distances: Sequence[float]
+def candidate_poses(
+    object_points: np.ndarray,
+    away: bool,
+    distances: Sequence[float] | np.ndarray,
+    directions: Sequence[float] | np.ndarray = _DIRECTIONS,
+    tilts: Sequence[float] | np.ndarray = _TILTS,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Grid (F, 4) of (θ, azimuth, distance, tilt) and poses (F, 4, 4); the side that was shown so far is shown."""
     middle = board_middle(object_points)
-    in_camera = placed(camera_from_target, middle)
-    away = np.median((camera_from_target[:, :3, 2] * in_camera).sum(axis=-1)) > 0
     azimuths = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
     turns = 2 * np.pi * np.arange(_TILT_AZIMUTHS) / _TILT_AZIMUTHS
-    axes = np.meshgrid(_DIRECTIONS, azimuths, np.array(distances), _TILTS, turns, indexing="ij")
+    axes = np.meshgrid(np.array(directions), azimuths, np.array(distances), np.array(tilts), turns, indexing="ij")
     theta, azimuth, distance, tilt, turn = (axis.ravel() for axis in axes)
     unique = ((theta > 0) | (azimuth == 0)) & ((tilt > 0) | (turn == 0))
     theta, azimuth, distance, tilt, turn = (axis[unique] for axis in (theta, azimuth, distance, tilt, turn))
@@ -111,3 +218,16 @@ def _candidate_poses(
     poses[:, :3, :3] = toward @ tilted @ facing
     poses[:, :3, 3] = distance[:, None] * toward[:, :, 2] - poses[:, :3, :3] @ middle
     return np.stack([theta, azimuth, distance, tilt], axis=-1), poses
+
+
+def _distances(camera: FisheyeCamera, board: Board, sight: Sight) -> np.ndarray:
+    """Where the target may be held, metres: f s / d px across is what its smallest feature s has in the middle."""
+    nearest = _NEAREST * board.radius
+    farthest = min(camera.fx * board.feature / sight.least_feature, _FARTHEST * board.radius)
+    return np.geomspace(nearest, max(farthest, 1.2 * nearest), _DISTANCES)
+
+
+def _variance(information: np.ndarray, row: np.ndarray) -> float:
+    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scaled = information * scale * scale[:, None] + 1e-12 * np.eye(len(information))
+    return float((row * scale) @ np.linalg.solve(scaled, row * scale))

@@ -71,6 +71,13 @@ class Target:
         """Whether no detector can take the target for itself turned."""
         return False
 
+    @property
+    def smallest_feature(self) -> float:
+        """Metres across of what a detector must see of each point: a square between two corners, a disc, a marker."""
+        points = self.object_points[:200]  # of a large board, part of it
+        apart = np.linalg.norm(points[:, None] - points, axis=-1)
+        return float(apart[apart > 0].min())
+
     def detector(self) -> Detector:
         """A detector for this target; raises InputError where the machine lacks what it needs."""
         raise NotImplementedError

@@ -94,19 +94,26 @@ def test_from_images_to_a_calibration_and_on_after_a_restart(tmp_path: Path, ima
         assert listener.ready.wait(PATIENCE), "calibrates by itself"
         name, outcome = listener.outcomes[0]
         assert name == "front" and outcome.camera.model == "ep_odd"
-        assert outcome.advice is not None and outcome.advice.sentence.startswith("hold the target")
+        assert outcome.advice is not None and outcome.advice.plan[0].sentence.startswith("hold the target")
 
         arrival = {name: Reception(f"/{name}/image_raw", False, 0.01, 0.02) for name in ("front", "rear")}
         front, rear = live.status(arrival)
-        assert front.level is Level.OK and front.values["views"] == len(images)
+        assert front.level is Level.WARN and front.values["views"] == len(images)
         assert rear.level is Level.OK and rear.values["unreadable"] == 1
         assert len([text for text in said if text.startswith("rear: a frame is skipped")]) == 1
         assert front.values["guidance"]["coverage"] > 0.5
         told = front.values["calibration"]
         assert told["views"] == len(images) and told["entrance_pupil"] in ("supported", "not distinguishable")
         assert {finding["name"] for finding in told["findings"]} >= {"coverage", "depth", "few_views"}
-        raised = [finding["text"] for finding in told["findings"] if finding["raised"]]
-        assert raised == front.values["guidance"]["concerns"]
+        raised = {
+            finding["text"] for finding in told["findings"] if finding["raised"] and finding["name"] != "coverage"
+        }
+        concerns = front.values["guidance"]["concerns"]
+        # Coverage counts against the image circle here.
+        assert raised == {text for text in concerns if "% of the field that the image shows" not in text}
+        assert front.message == concerns[0] and concerns[0] in front.next and not front.values["goal_reached"]
+        assert front.values["wanted"]["sentence"] in front.next and len(front.values["wanted"]["outline_px"]) > 10
+        assert front.values["event"] == "kept"
         wait_for(lambda: camera.camera_file.exists())
         np.testing.assert_allclose(load_camera(camera.camera_file).parameters, outcome.camera.parameters)
     finally:

@@ -11,12 +11,22 @@ from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare, refi
 from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.camera.bands import pupil_sigma
-from fisheye_ep_calib.planning.guidance import next_view
+from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight
+from fisheye_ep_calib.planning.field import Field
+from fisheye_ep_calib.planning.guidance import (
+    Suggestion,
+    candidates,
+    faces_away,
+    few_points,
+    next_views,
+    sigma_against_guided,
+)
 from fisheye_ep_calib.planning.view_information import variance_reduction, view_information
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_target, random_poses
 
 NOISE = 0.05
 TARGET = paper_target()
+BOARD = Board.of(TARGET)
 
 
 def fitted(poses: np.ndarray, seed: int, model: str):
@@ -29,6 +39,12 @@ def pupil_band(fit) -> float:
     return float(pupil_sigma(fit.state.camera, known.covariance, np.radians(60.0))) * NOISE / known.sigma_px
 
 
+def suggested(fit, count: int, sight: Sight = EVERYWHERE) -> list[Suggestion]:
+    camera, poses = replace(fit.state.camera, theta_max=fit.largest_angle), fit.state.camera_from_target
+    offered = candidates(camera, BOARD, faces_away(BOARD, poses), sight)
+    return next_views(camera, BOARD, poses, offered, count, Field.of(few_points(BOARD.points), poses, offered.poses))
+
+
 def views_needed(seed: int, most: int = 15) -> int:
     """How many guided views reach the band of 25 random ones."""
     goal = pupil_band(fitted(random_poses(TARGET, 25, seed), seed, "ep_odd"))
@@ -37,8 +53,7 @@ def views_needed(seed: int, most: int = 15) -> int:
         fit = fitted(np.array(poses), seed, "ep_odd" if len(poses) >= 6 else "ep_even")
         if len(poses) >= 6 and pupil_band(fit) <= goal:
             return len(poses)
-        suggestion = next_view(fit.state.camera, TARGET.object_points, fit.state.camera_from_target, (0.10, 0.13, 0.15))
-        poses.append(suggestion.camera_from_target)
+        poses.append(suggested(fit, 1)[0].camera_from_target)
     return most
 
 
@@ -70,14 +85,39 @@ def test_variance_reduction_is_what_a_little_of_a_view_takes_away():
 
 def test_a_suggestion_points_where_it_says():
     fit = fitted(random_poses(TARGET, 5, 1, theta_deg=(0, 40)), 1, "ep_even")
-    suggestion = next_view(fit.state.camera, TARGET.object_points, fit.state.camera_from_target, (0.10, 0.15))
+    suggestion = suggested(fit, 1)[0]
     middle = 0.5 * (TARGET.object_points.min(axis=0) + TARGET.object_points.max(axis=0))
     seen = suggestion.camera_from_target @ np.append(middle, 1.0)
     assert np.isclose(np.linalg.norm(seen[:3]), suggestion.distance)
     assert np.isclose(np.arctan2(np.hypot(seen[0], seen[1]), seen[2]), suggestion.theta)
-    assert suggestion.theta > np.radians(60), "nothing beyond 40° was seen: the rim is what is missing"
-    assert "edge of the image" in suggestion.sentence and "cm away" in suggestion.sentence
+    assert suggestion.theta > np.radians(40), "nothing was held beyond 40°: out there is what is missing"
+    assert " of the image (50° off the axis)" in suggestion.sentence and "cm away" in suggestion.sentence
     assert 0 < suggestion.gain <= 1
+
+
+def test_forty_guided_views_are_the_measure_of_how_well_the_pupil_is_known():
+    """Random ones of the paper's distances are far from it, some thirty guided ones are near."""
+    fit = fitted(random_poses(TARGET, 25, 4), 4, "ep_odd")
+    camera, poses = replace(fit.state.camera, theta_max=fit.largest_angle), fit.state.camera_from_target
+    offered = candidates(camera, BOARD, faces_away(BOARD, poses))
+
+    def against(poses: np.ndarray) -> float:
+        return sigma_against_guided(camera, BOARD, poses, offered, np.radians(60.0))
+
+    asked = [one.camera_from_target for one in next_views(camera, BOARD, poses[:4], offered, 30)]
+    assert against(poses[:8]) > against(poses) > 2
+    assert 0.9 < against(np.concatenate([poses[:4], asked])) < 1.3
+
+
+def test_a_pose_that_was_tried_in_vain_is_not_asked_for_again():
+    fit = fitted(random_poses(TARGET, 6, 1, theta_deg=(0, 40)), 1, "ep_even")
+    camera, poses = replace(fit.state.camera, theta_max=fit.largest_angle), fit.state.camera_from_target
+    offered = candidates(camera, BOARD, faces_away(BOARD, poses))
+    tried: list[Suggestion] = []
+    for _ in range(4):
+        (now,) = next_views(camera, BOARD, poses, offered, 1, tried=tried)
+        assert not any(now.like(one) for one in tried)
+        tried.append(now)
 
 
 def test_guided_views_know_the_pupil_with_half_as_many():

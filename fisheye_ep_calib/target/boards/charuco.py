@@ -94,6 +94,10 @@ class Charuco(Target):
     def unmistakable(self) -> bool:
         return True
 
+    @property
+    def smallest_feature(self) -> float:
+        return self.marker_size / 3  # of which two or three cells of a marker are one
+
     def detector(self) -> Detector:
         from fisheye_ep_calib.target.markers.charuco_detector import CharucoDetector
 

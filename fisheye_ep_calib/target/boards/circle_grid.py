@@ -110,6 +110,10 @@ class CircleGrid(Target):
     def unmistakable(self) -> bool:
         return bool(self.holed) and len(self.turns) == 1
 
+    @property
+    def smallest_feature(self) -> float:
+        return self.pitch / 1.5 if self.disc_radius is None else 2 * self.disc_radius
+
     def detector(self) -> Detector:
         from fisheye_ep_calib.target.discs.circle_grid_detector import CircleGridDetector
 

@@ -1,0 +1,110 @@
+"""Which poses of a target its detector could see: inside what light reaches of the image, and large enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.target.base import Target
+from fisheye_ep_calib.target.expected_features import beyond_evidence
+
+LEAST_FEATURE = 5.5  # pixels across: with less, detectors lose points of a sharp image (benchmarks/guidance.py)
+FEATURE_OVER_BLUR = 4.0  # and with less than so many σ of the blur, points of a blurred one
+_EDGE_SAMPLES = 6  # a side of the board's outline
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What a camera's frames have shown of its images.
+
+    lit (rows, columns) bool: a coarse map of the image, where it has been more than dark. blur: σ of edges, pixels.
+    """
+
+    lit: np.ndarray
+    blur: float = 1.0
+
+    @property
+    def least_feature(self) -> float:
+        """Pixels across that the target's smallest feature needs."""
+        return max(LEAST_FEATURE, FEATURE_OVER_BLUR * self.blur)
+
+    def shows(self, pixels: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
+        """Whether pixels (..., 2) are inside the image and lit, as are the map's cells beside theirs; NaN is not."""
+        cells = np.array(self.lit.shape[::-1])
+        place = (np.nan_to_num(pixels, nan=-1e9) + 0.5) / np.array(image_size) * cells
+        inside = ((place >= 0) & (place < cells)).all(axis=-1)
+        column, row = np.clip(place.astype(int), 0, cells - 1)[..., 0], np.clip(place.astype(int), 0, cells - 1)[..., 1]
+        result: np.ndarray = inside & _surrounded(self.lit)[row, column]
+        return result
+
+
+EVERYWHERE = Sight(np.ones((1, 1), dtype=bool))
+
+
+@dataclass(frozen=True)
+class Board:
+    """What of a target decides whether it can be seen: points and outline (n, 3), metres, and its smallest feature."""
+
+    points: np.ndarray
+    outline: np.ndarray
+    feature: float
+
+    @staticmethod
+    def of(target: Target) -> Board:
+        """The outline is that of the white board."""
+        artwork = target.artwork()
+        (left, top), (right, bottom) = artwork.low, artwork.high
+        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
+        part = np.linspace(0, 1, _EDGE_SAMPLES, endpoint=False)[:, None]
+        edge = np.concatenate([a + part * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)])
+        depth = np.full((len(edge), 1), target.object_points[:, 2].mean())
+        return Board(target.object_points, np.hstack([edge, depth]), target.smallest_feature)
+
+    @property
+    def radius(self) -> float:
+        """Half of the outline's diagonal, metres."""
+        return 0.5 * float(np.linalg.norm(np.ptp(self.outline, axis=0)))
+
+
+def detectable(camera: FisheyeCamera, board: Board, poses: np.ndarray, sight: Sight) -> np.ndarray:
+    """bool (F,): whether the detector could find the board at poses (F, 4, 4) of it before the camera.
+
+    All of its outline must be seen, and its smallest feature be large enough wherever it lies on the board: its length
+    times the smaller singular value of d pixel / d (x, y) on the board. Little beyond its evidence a camera is no
+    longer believed: what it says there of where a point appears may be anything.
+    """
+    camera = beyond_evidence(camera)
+    in_camera = board.outline @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
+    pixels, valid, d_point, _ = camera.project_with_jacobian(in_camera)
+    seen = (valid & sight.shows(pixels, camera.image_size)).all(axis=-1)
+    plane = np.nan_to_num(d_point @ poses[:, None, :3, :2])
+    smallest = np.linalg.svd(plane, compute_uv=False)[..., 1].min(axis=-1)
+    result: np.ndarray = seen & (board.feature * smallest >= sight.least_feature)
+    return result
+
+
+def light_ends(camera: FisheyeCamera, azimuths: np.ndarray, sight: Sight) -> np.ndarray:
+    """The incidence angle (n,), rad, at which light or the image ends in directions of azimuth (n,).
+
+    Within the camera's evidence by its r(θ), beyond it along r's tangent there.
+    """
+    radius = np.arange(1.0, np.hypot(*camera.image_size))
+    along = np.stack([np.cos(azimuths), np.sin(azimuths)], axis=-1)
+    pixels = np.array([camera.cx, camera.cy]) + radius[:, None, None] * along
+    shown = np.cumprod(sight.shows(pixels, camera.image_size), axis=0)
+    end = shown.sum(axis=0) / camera.fx
+    theta = np.linspace(0, min(camera.theta_max, camera.theta_limit), 400)
+    r = camera.radius(theta)
+    slope = max(float((r[-1] - r[-20]) / (theta[-1] - theta[-20])), 1e-3)
+    inside = np.interp(end, r, theta)
+    result: np.ndarray = np.where(end <= r[-1], inside, np.minimum(theta[-1] + (end - r[-1]) / slope, np.pi))
+    return result
+
+
+def _surrounded(lit: np.ndarray) -> np.ndarray:
+    """Cells whose neighbours are lit too: a cell at the edge of the light is half dark. The image's border counts."""
+    wide = np.pad(lit, 1, mode="edge")
+    result: np.ndarray = lit & wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
+    return result
