@@ -12,8 +12,9 @@ import numpy as np
 
 from fisheye_ep_calib import FisheyeCamera, Observations
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
-from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
 from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.simulation import observe
 from fisheye_ep_calib.target import Target

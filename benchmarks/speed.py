@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib import Observations, calibrate
-from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.simulation import look_pose, paper_camera, paper_target
 from fisheye_ep_calib.simulation.truth import points_in_camera

@@ -24,14 +24,10 @@ from fisheye_ep_calib.calibration.assessing.uncertainty import (
 )
 from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.observations import Observations
-from fisheye_ep_calib.calibration.selecting.model_selection import (
-    Candidate,
-    Choice,
-    beside_named,
-    pupil_verdict,
-    side_by_side,
-)
+from fisheye_ep_calib.calibration.selecting.candidates import Candidate
+from fisheye_ep_calib.calibration.selecting.model_selection import Choice
 from fisheye_ep_calib.calibration.selecting.outliers import RejectedPoint
+from fisheye_ep_calib.calibration.selecting.pupil_choice import beside_named, pupil_verdict, side_by_side
 from fisheye_ep_calib.calibration.selecting.pupil_verdict import SUPPORTED, PupilVerdict
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.shape.measured import BoardShape

@@ -17,8 +17,7 @@ from fisheye_ep_calib.collection.progress import OnProgress, Progress, unheard
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, sizes_differ, usual_size, without_strays
 from fisheye_ep_calib.collection.workers import Job
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.planning.image_choice import FrameChoice, first_look, next_look
-from fisheye_ep_calib.planning.moment_choice import first_moments, next_moments
+from fisheye_ep_calib.planning.image_choice import FrameChoice, first_look, first_moments, next_look, next_moments
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
 

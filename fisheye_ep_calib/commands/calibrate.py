@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fisheye_ep_calib.calibration import Observations
-from fisheye_ep_calib.calibration.calibrate import AUTO, BOARD_SHAPES, DISC_CENTERS, LOSSES, PRINTED_FORM
+from fisheye_ep_calib.calibration.options import AUTO, BOARD_SHAPES, DISC_CENTERS, LOSSES, PRINTED_FORM
 from fisheye_ep_calib.calibration.structure import LENS
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.collection.progress import OnProgress

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from fisheye_ep_calib.calibration.calibrate import DISC_CENTERS
+from fisheye_ep_calib.calibration.options import DISC_CENTERS
 from fisheye_ep_calib.calibration.words import BAD
 from fisheye_ep_calib.commands.messages import with_options
 from fisheye_ep_calib.commands.reporting import refuse_unusable_report, write_evaluation_report

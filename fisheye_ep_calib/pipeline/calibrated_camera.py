@@ -16,8 +16,8 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
 from fisheye_ep_calib.calibration.assessing.finding import Finding
-from fisheye_ep_calib.calibration.calibrate import AUTO
 from fisheye_ep_calib.calibration.content import calibration_content
+from fisheye_ep_calib.calibration.options import AUTO
 from fisheye_ep_calib.calibration.words import Verdict, calibration_verdict
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.pipeline.camera_source import CameraSource

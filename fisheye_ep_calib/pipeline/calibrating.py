@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from fisheye_ep_calib.calibration import calibrate
-from fisheye_ep_calib.calibration.calibrate import AUTO, rough_camera
-from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS
+from fisheye_ep_calib.calibration.calibrate import rough_camera
+from fisheye_ep_calib.calibration.estimating.sightings import MIN_VIEWS
+from fisheye_ep_calib.calibration.options import AUTO
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.collection.progress import OnProgress, Progress, seldom, unheard
 from fisheye_ep_calib.collection.results import counted

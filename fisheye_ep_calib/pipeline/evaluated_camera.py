@@ -8,6 +8,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from fisheye_ep_calib.calibration import Observations
+from fisheye_ep_calib.calibration.assessing.evaluated_board import EvaluatedBoard, evaluated_board
 from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation, evaluate_camera
 from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.evaluation_words import (
@@ -17,7 +18,6 @@ from fisheye_ep_calib.calibration.evaluation_words import (
     evaluation_verdict,
     expected_rms,
 )
-from fisheye_ep_calib.calibration.selecting.evaluated_board import EvaluatedBoard, evaluated_board
 from fisheye_ep_calib.calibration.words import Verdict
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
@@ -144,7 +144,7 @@ def evaluate(
 
     camera: a camera alone, a calibration, a camera file or its path; what the last three know of their noise tells
     what is to be expected. The target has the shape that predicts views left out best: as its file has it, as the
-    calibration measured it, or estimated here (selecting/evaluated_board.py). board_warp: give it the bow alone that
+    calibration measured it, or estimated here (assessing/evaluated_board.py). board_warp: give it the bow alone that
     the calibration found.
     """
     camera_file = known_camera(camera)

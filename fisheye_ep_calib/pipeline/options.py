@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from fisheye_ep_calib.calibration import Options
-from fisheye_ep_calib.calibration.calibrate import base_structure
+from fisheye_ep_calib.calibration.options import base_structure
 from fisheye_ep_calib.camera import LENS_EXTRAS
 from fisheye_ep_calib.errors import InputError
 

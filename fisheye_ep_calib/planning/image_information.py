@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.camera import FisheyeCamera

@@ -14,8 +14,8 @@ from markupsafe import Markup
 
 from fisheye_ep_calib.calibration.words import distance_text
 from fisheye_ep_calib.report.data import CameraReport
-from fisheye_ep_calib.report.overlay import overlays_of
 from fisheye_ep_calib.report.panels import panels_of
+from fisheye_ep_calib.report.pictures import overlays_of
 from fisheye_ep_calib.storage.atomic import atomic_write
 
 _FILES = ("base.html", "page.html", "camera.html", "compare.html", "tables.html", "page.css", "page.js")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
-from fisheye_ep_calib.calibration.assessing.diagnosis import NearFarSplit
+from fisheye_ep_calib.calibration.assessing.near_far import NearFarSplit
 from fisheye_ep_calib.calibration.comparison import by_ring
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma, radius_sigma

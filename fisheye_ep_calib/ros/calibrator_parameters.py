@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.calibrate import AUTO
+from fisheye_ep_calib.calibration.options import AUTO
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.live.outcome import Outcome, outcome_of_file

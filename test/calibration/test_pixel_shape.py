@@ -9,7 +9,7 @@ import pytest
 from known_scenes import BOARD, CAMERA
 
 from fisheye_ep_calib import calibrate
-from fisheye_ep_calib.calibration.assessing.pixel_shape import pixels_not_square
+from fisheye_ep_calib.calibration.assessing.diagnosis import pixels_not_square
 from fisheye_ep_calib.simulation import observe, paper_poses
 
 

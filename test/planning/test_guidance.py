@@ -7,8 +7,9 @@ import pytest
 
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.estimating.adjustment import evaluate
-from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
 from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight

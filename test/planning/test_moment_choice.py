@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fisheye_ep_calib.planning.moment_choice import first_moments, next_moments
+from fisheye_ep_calib.planning.image_choice import first_moments, next_moments
 
 
 @pytest.mark.parametrize("count", [1, 7, 8])

@@ -1,51 +1,35 @@
 """What the recording could and could not tell, each finding with what to record more of.
 
 No error on the calibration set shows what the set never looked at: hence coverage, depth at large angles, and the
-near/far split, which fits the nearer and the farther half of the views by themselves.
+near/far split (near_far.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.asymmetry import not_symmetric
-from fisheye_ep_calib.calibration.assessing.board_findings import board_bent, board_scale
-from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference, camera_difference
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
-from fisheye_ep_calib.calibration.assessing.extent import smaller_lattice
 from fisheye_ep_calib.calibration.assessing.finding import Finding
-from fisheye_ep_calib.calibration.assessing.nuisance_models import joint_linearisation
-from fisheye_ep_calib.calibration.assessing.pixel_shape import pixels_not_square
+from fisheye_ep_calib.calibration.assessing.near_far import NearFarSplit, near_far, near_far_advice, split_near_far
+from fisheye_ep_calib.calibration.assessing.target_findings import board_bent, board_scale, squares_counted, units
 from fisheye_ep_calib.calibration.assessing.two_cameras import PARAMETERS, two_cameras
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.assessing.view_changes import changes_found, view_changes
-from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, of_images, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.nuisance_models import joint_linearisation
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.target.shape.measured import BoardShape
-from fisheye_ep_calib.target.shape.model import FLAT
 
+_UNEQUAL = 0.02  # |fx / fy − 1|, beyond which something other than the sensor is likelier
 RING_DEGREES = 15
 SECTORS = len(SECTOR_NAMES)
-_FARTHEST_M, _LARGEST_PUPIL_M = 20.0, 0.05  # beyond which a length's unit is doubted
-_TELLING = 1.0  # px expected between near and far, below which their agreement says something
 _FEW_VIEWS = 8  # below which a view more or less changes the camera beyond its bands
-
-
-@dataclass(frozen=True)
-class NearFarSplit:
-    """The structure fitted to the nearer and to the farther half of the views, and how the two cameras differ.
-
-    near_m, far_m: median distances of the halves. difference: at infinity, for the field that both have seen.
-    """
-
-    near_m: float
-    far_m: float
-    difference: CameraDifference
 
 
 @dataclass(frozen=True)
@@ -84,14 +68,14 @@ def diagnose(
         _coverage(counts, in_image),
         _depth(theta, distance),
         *([_pupil_against_depth(fit)] if len(camera.coefficients) else []),
-        *([_near_far(split, _near_far_advice(fit, chosen))] if split else []),
+        *([near_far(split, near_far_advice(fit, chosen))] if split else []),
         _worst_view(fit, view_rms, names),
         *_correlated_residuals(uncertainty(fit).clustering),
         *_copies(len(fit.sightings.images), same_place or {}),
         *_two_cameras(fit, names),
         pixels_not_square(camera),
-        *_squares_counted(fit),
-        *_units(distance, camera),
+        *squares_counted(fit),
+        *units(distance, camera),
         *_view_changes(fit),
         _few_views(len(fit.sightings.images)),
         *not_symmetric(fit),
@@ -165,75 +149,6 @@ def _pupil_against_depth(fit: Fit) -> Finding:
     return Finding("pupil_against_depth", values, concern, told + advice)
 
 
-def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
-    """Fit the nearer and the farther half of the views by themselves and compare them at infinity.
-
-    distance (n,): metres, of every sighting used. None where a half determines no camera.
-    """
-    observations, used = fit.sightings.observations, fit.used
-    view = np.searchsorted(fit.sightings.images, observations.image_index[used])
-    views = len(fit.sightings.images)
-    mean = np.bincount(view, weights=distance, minlength=views) / np.maximum(np.bincount(view, minlength=views), 1)
-    order = np.argsort(mean, kind="stable")
-    parts = (order[: views // 2], order[views // 2 :])
-    cameras, covariances = [], []
-    for part in parts:
-        images = fit.sightings.images[np.sort(part)]
-        enough = 2 * sum(np.isin(observations.image_index[used], images)) > 2 * fit.problem.shared_size + 12 * len(part)
-        if len(part) < MIN_VIEWS or not enough:
-            return None
-        half = refine(fit, fit.structure, of_images(fit.sightings, images))
-        if not half.adjustment.converged:
-            return None
-        largest_angle = half.largest_angle
-        try:
-            half_uncertainty = uncertainty(half)
-        except np.linalg.LinAlgError:  # half of the views leave something open
-            return None
-        # A model that fails makes residuals correlate within a view: that must not excuse it.
-        covariances.append(half_uncertainty.covariance / half_uncertainty.clustering)
-        cameras.append(replace(half.state.camera, theta_max=largest_angle))
-    near, far = (float(np.median(mean[part])) for part in parts)
-    difference = camera_difference(cameras[0], cameras[1], (np.inf,), (covariances[0], covariances[1]))
-    return NearFarSplit(near, far, difference)
-
-
-def _near_far_advice(fit: Fit, chosen: bool) -> str:
-    """What may help where near and far differ and was not tried already."""
-    if not (fit.structure.pupil_terms or chosen):
-        return "let a pupil be estimated (model auto), or record only at the distance of use"
-    if fit.structure.board_shape == FLAT:
-        return "check that the target is flat and record more views, near and far"
-    return "record more views, near and far, or only at the distance of use"
-
-
-def _near_far(split: NearFarSplit, advice: str) -> Finding:
-    difference, expected = (
-        float(np.sqrt(np.nanmean(px**2))) for px in (split.difference.length_px, split.difference.sigma_px)
-    )
-    values = {
-        "near_m": split.near_m,
-        "far_m": split.far_m,
-        "difference_px": difference,
-        "expected_px": expected,
-    }
-    told = (
-        f"the near half ({split.near_m:.3f} m) and the far half ({split.far_m:.3f} m) differ by "
-        f"{difference:.3f} px at infinity, {expected:.3f} px expected"
-    )
-    if difference <= 2.5 * expected:
-        if expected < _TELLING:
-            return Finding("near_far", values, False, f"{told}: the camera holds at every distance recorded")
-        told += ": these data cannot tell whether it holds at other distances; record more views, near and far"
-        return Finding("near_far", values, True, told)
-    return Finding(
-        "near_far",
-        values,
-        True,
-        f"{told}: an error hides at the distances recorded and shows at others; {advice}",
-    )
-
-
 def _correlated_residuals(clustering: float) -> list[Finding]:
     if clustering == 1:
         return []
@@ -259,31 +174,6 @@ def _copies(views: int, same_place: Mapping[int, tuple[int, ...]]) -> list[Findi
         "move the target between images"
     )
     return [Finding("copies", {"images": float(images), "places": float(views)}, True, told)]
-
-
-def _squares_counted(fit: Fit) -> list[Finding]:
-    observations = fit.sightings.observations
-    lattice = smaller_lattice(observations.object_points, observations.image_index, observations.point_index)
-    if lattice is None:
-        return []
-    columns, rows, most_columns, most_rows = lattice
-    values = {"columns": float(columns), "rows": float(rows)}
-    told = (
-        f"no view shows more than {most_columns} × {most_rows} of the target file's {columns} × {rows} points: were"
-        " squares counted instead of inner corners? Then points are named differently from view to view"
-    )
-    return [Finding("squares_counted", values, True, told)]
-
-
-def _units(distance: np.ndarray, camera: FisheyeCamera) -> list[Finding]:
-    """Distances (M,) and a pupil, metres, that no target and no lens have."""
-    far = float(np.median(distance))
-    shift = float(np.abs(camera.entrance_pupil(np.linspace(0, camera.theta_max, 50))).max())
-    if far <= _FARTHEST_M and shift <= _LARGEST_PUPIL_M:
-        return []
-    told = f"the target stands {far:.3g} m away and the entrance pupil moves by {1e3 * shift:.3g} mm"
-    advice = ": are the target file's lengths in metres?"
-    return [Finding("units", {"distance_m": far, "pupil_mm": 1e3 * shift}, True, told + advice)]
 
 
 def _two_cameras(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
@@ -334,3 +224,18 @@ def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...]) -> Findi
     if view_rms[worst] <= 2.5 * max(middle, 1e-9):
         return Finding("worst_view", values, False, f"{told}: none stands out")
     return Finding("worst_view", values, True, f"{told}; look at it for blur or a bent target, or record it again")
+
+
+def pixels_not_square(camera: FisheyeCamera) -> Finding:
+    """fx and fy are the focal length in a pixel's width and in its height."""
+    excess = camera.fx / camera.fy - 1
+    values = {"fx_px": camera.fx, "fy_px": camera.fy, "excess": excess}
+    if abs(excess) <= _UNEQUAL:
+        return Finding("pixels_not_square", values, False, f"fx and fy agree within {100 * abs(excess):.2f} %")
+    larger, smaller = ("fx", "fy") if excess > 0 else ("fy", "fx")
+    told = (
+        f"{larger} is {100 * (max(camera.fx, camera.fy) / min(camera.fx, camera.fy) - 1):.1f} % larger than {smaller}: "
+        "sensors have square pixels, so check whether the image was scaled or cropped unevenly by the driver, and "
+        "whether the target's spacings in x and y are as its file says"
+    )
+    return Finding("pixels_not_square", values, True, told)

@@ -14,9 +14,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.assessing.nuisance_models import joint_linearisation
 from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.estimating.joint_posterior import LENS_GROUPS
+from fisheye_ep_calib.calibration.estimating.nuisance_models import joint_linearisation
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER, VIEW_GROUPS
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
 from fisheye_ep_calib.target.shape.model import GROUPS, ROUGH_GROUPS

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, adjust, residuals
-from fisheye_ep_calib.calibration.estimating.fit import (
+from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.point_names import recounted
+from fisheye_ep_calib.calibration.estimating.pose_repair import ray_poses
+from fisheye_ep_calib.calibration.estimating.sightings import (
     MIN_POINTS,
-    Fit,
     Sightings,
     of_images,
     sightings_of,
     why_no_pose,
 )
-from fisheye_ep_calib.calibration.estimating.point_names import recounted
-from fisheye_ep_calib.calibration.estimating.pose_repair import ray_poses
 from fisheye_ep_calib.calibration.estimating.views import view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import Structure

@@ -6,12 +6,17 @@ small its residuals are. It is judged with the bands as they are given: clusteri
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.coverage import azimuth_and_distance
 from fisheye_ep_calib.calibration.assessing.uncertainty import Uncertainty
-from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.adjustment import adjust
+from fisheye_ep_calib.calibration.estimating.fit import Fit, independent_covariance
 
+_LOOSE = 0.2  # σ of a focal length over its value, at which it counts as unknown
+_SURE = 0.05  # and below which the linear σ is to be believed
 LARGEST_SIGMA = 0.05  # of a focal length over its value
 _PARALLEL = np.radians(12)  # boards whose normals lie within it are as good as parallel
 _ONE_DISTANCE = 1.4  # farthest over nearest view
@@ -78,3 +83,32 @@ def _reach(fit: Fit) -> float:
     size = np.array(fit.sightings.observations.image_size)
     offset = fit.sightings.observations.pixels[fit.used] - (size - 1) / 2
     return float(np.quantile(np.hypot(*offset.T), 0.95) / (0.5 * np.hypot(*size)))
+
+
+def focal_length_determined(fit: Fit) -> bool:
+    """Whether it is known to a fifth, also by the likelihood itself where the linear σ is not small.
+
+    Where views leave it open, the valley of equal cost bends: σ may look small where the fit happened to stop.
+    """
+    _, values = fit.shared_parameters
+    try:
+        sigma_px, covariance = independent_covariance(fit)
+    except np.linalg.LinAlgError:
+        return False
+    # Not more than independent noise leaves open: a model that does not fit is another matter.
+    variance = np.diag(covariance)[:2]
+    if not ((variance >= 0) & (variance <= (_LOOSE * values[:2]) ** 2)).all():
+        return False
+    if (variance <= (_SURE * values[:2]) ** 2).all():
+        return True
+    least = fit.adjustment.equations.cost + 0.5 * sigma_px**2
+    return all(_cost_at(fit, scale) > least for scale in (1 + _LOOSE, 1 / (1 + _LOOSE)))
+
+
+def _cost_at(fit: Fit, scale: float) -> float:
+    """The least cost, px², with both focal lengths held at so many times their values; ∞ for no such camera."""
+    camera = fit.state.camera
+    held = replace(fit.problem, free=fit.problem.free & ~np.isin(camera.parameter_names, ("fx", "fy")))
+    moved = replace(camera, fx=scale * camera.fx, fy=scale * camera.fy)
+    equations = adjust(replace(held, theta_limit=np.pi), replace(fit.state, camera=moved)).equations
+    return equations.cost if equations.valid else np.inf

@@ -12,8 +12,7 @@ import numpy as np
 
 from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.adjustment import predict_block, shared_jacobian
-from fisheye_ep_calib.calibration.estimating.fit import Fit
-from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
+from fisheye_ep_calib.calibration.estimating.fit import Fit, independent_covariance
 from fisheye_ep_calib.calibration.estimating.shape_equations import solve_scaled
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.camera.directions import direction
@@ -48,17 +47,6 @@ def uncertainty(fit: Fit) -> Uncertainty:
     covariance = np.zeros((len(fit.problem.free),) * 2)
     covariance[np.ix_(free, free)] = shared[: len(free), : len(free)]
     return Uncertainty(sigma_px, covariance, shared, _gauge(fit), clustering)
-
-
-def independent_covariance(fit: Fit) -> tuple[float, np.ndarray]:
-    """σ, px, of one coordinate, and σ² I⁻¹ (S, S) of the shared parameters, for residuals that are independent.
-
-    Raises numpy.linalg.LinAlgError where the sightings leave some of them open.
-    """
-    variance, weight = fit.noise_variance
-    information = reduced_information(fit.settled) / weight
-    shared = variance * solve_scaled(information, np.eye(len(information)))
-    return float(np.sqrt(variance)), 0.5 * (shared + shared.T)
 
 
 def _gauge(fit: Fit) -> np.ndarray:

@@ -15,10 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
-from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, opened
+from fisheye_ep_calib.calibration.estimating.fit import Fit, opened
 from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
 from fisheye_ep_calib.calibration.estimating.shape_equations import ShapeEquations, block_system, solve_scaled
 from fisheye_ep_calib.calibration.estimating.shape_posterior import inverse_and_log_determinant
+from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD, ORDERS
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS

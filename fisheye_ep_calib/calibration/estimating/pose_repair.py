@@ -12,8 +12,9 @@ import numpy as np
 
 from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.adjustment import adjust, residuals
-from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, adjusted, of_images
+from fisheye_ep_calib.calibration.estimating.fit import Fit, adjusted
 from fisheye_ep_calib.calibration.estimating.ray_pose import poses_from_rays
+from fisheye_ep_calib.calibration.estimating.sightings import Sightings, of_images
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.rotation import placed
 from fisheye_ep_calib.target.shape.frame import BoardFrame

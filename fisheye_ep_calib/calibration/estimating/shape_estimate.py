@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, opened, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, opened, refine
 from fisheye_ep_calib.calibration.estimating.robust import Loss
 from fisheye_ep_calib.calibration.estimating.shape_posterior import Linearisation
+from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
 from fisheye_ep_calib.target.shape.model import FLAT, FREE, GROUPS, free_model, with_variances

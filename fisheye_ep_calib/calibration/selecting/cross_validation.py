@@ -2,7 +2,7 @@
 
 For each fold the camera is fitted to the other views; then, with that camera frozen, the fold's poses alone are
 refitted and the residuals counted. Random halves of one set do not show an error that all distances share:
-diagnosis.py splits near against far for that.
+assessing/near_far.py splits near against far for that.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ import numpy as np
 
 from fisheye_ep_calib.arrays import FloatArray, IntArray
 from fisheye_ep_calib.calibration.estimating.adjustment import Adjustment, adjust, evaluate, residuals, stepped
-from fisheye_ep_calib.calibration.estimating.fit import Fit, of_images, weighted_square
+from fisheye_ep_calib.calibration.estimating.fit import Fit, refine, weighted_square
 from fisheye_ep_calib.calibration.estimating.normal_equations import ALMOST_UNDAMPED, NormalEquations, solve_damped
+from fisheye_ep_calib.calibration.estimating.sightings import of_images
 from fisheye_ep_calib.calibration.selecting.independent_views import places
+from fisheye_ep_calib.target.shape.model import FLAT
 
 FOLDS = 5
 _FAR_STEP = 0.02  # share of the cost: a larger step than this is followed by further ones
@@ -133,3 +135,18 @@ def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple
         square = float(weighted_square(error, sightings.observations.weights).sum())
         loss = square if problem.loss.kind == "linear" else loss
     return square, loss, sightings.point_count
+
+
+def shape_predicts(shaped: Fit) -> tuple[bool, tuple[str, ...]]:
+    """Whether folds over views agree that a fit with a free shape predicts better than the same with none, and why.
+
+    They agree where the gain, as mean of ln(RMS ratio) over the folds, exceeds its standard error.
+    """
+    if not shaped.problem.shape_size:
+        return False, ("board shape left out: the data say nothing of one",)
+    flat = refine(shaped, replace(shaped.structure, board_shape=FLAT))
+    gain, error = cross_validate(shaped).log_ratio(cross_validate(flat))
+    kept = -gain > error
+    percent = 100 * (1 - np.exp(gain))
+    word = "kept" if kept else "left out"
+    return kept, (f"board shape {word}: held-out error {percent:+.2f} % better ± {100 * error:.2f} %",)

@@ -19,8 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.arrays import FloatArray, IntArray
-from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings
+from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.estimating.prediction import predict
+from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.observations import Observations
 
 _NEARBY = 0.005  # of the image's longer side: points further apart are not the same

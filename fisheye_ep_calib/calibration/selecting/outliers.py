@@ -16,10 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.arrays import BoolArray
-from fisheye_ep_calib.calibration.estimating.fit import Fit, Sightings, first_fit, refine, with_weights
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss, robust_spread
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
+from fisheye_ep_calib.calibration.estimating.sightings import Sightings, with_weights
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES

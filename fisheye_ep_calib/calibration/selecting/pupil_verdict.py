@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.assessing.nuisance_models import NuisanceModel, nuisance_models
-from fisheye_ep_calib.calibration.assessing.uncertainty import independent_covariance
-from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.fit import Fit, independent_covariance
 from fisheye_ep_calib.calibration.estimating.normal_equations import view_robust_covariance
+from fisheye_ep_calib.calibration.estimating.nuisance_models import NuisanceModel, nuisance_models
 from fisheye_ep_calib.calibration.selecting.nested_tests import nested_test
 from fisheye_ep_calib.camera.parameters import pupil_names
 

@@ -10,7 +10,8 @@ from known_scenes import CAMERA, seen_board
 
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.calibration.assessing.asymmetry import not_symmetric
-from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -11,7 +11,8 @@ from changing_boards import seen_changing
 from known_scenes import CAMERA
 
 from fisheye_ep_calib.calibration.assessing.error_budget import ErrorBudget, error_budget
-from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.report.figures.budget import budget_figure
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fisheye_ep_calib.calibration.assessing.extent import smaller_lattice
+from fisheye_ep_calib.calibration.assessing.target_findings import smaller_lattice
 from fisheye_ep_calib.target.base import rectangular_grid
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 from changing_boards import seen_changing
 
-from fisheye_ep_calib.calibration.assessing.nuisance_models import joint_linearisation
 from fisheye_ep_calib.calibration.assessing.view_changes import changes_found, view_changes
-from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
+from fisheye_ep_calib.calibration.estimating.nuisance_models import joint_linearisation
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 
 CHANGES = {

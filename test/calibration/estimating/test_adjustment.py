@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from fisheye_ep_calib.calibration import Observations, calibrate
 from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
 from fisheye_ep_calib.calibration.estimating.adjustment import evaluate, residuals, stepped
-from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
 from fisheye_ep_calib.calibration.estimating.normal_equations import (
     Step,
     reduced_information,
@@ -20,6 +20,7 @@ from fisheye_ep_calib.calibration.estimating.normal_equations import (
     view_robust_covariance,
 )
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.selecting.cross_validation import cross_validate, fold_of_view
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.rotation import motion_jacobian, moved_poses, rotation_from_vector, vector_from_rotation

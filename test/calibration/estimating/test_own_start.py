@@ -9,8 +9,9 @@ import pytest
 from known_scenes import BOARD, CAMERA, poses_of, seen, unknown_scene, with_gross_errors
 
 from fisheye_ep_calib.calibration import Observations, calibrate
-from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.simulation import random_poses

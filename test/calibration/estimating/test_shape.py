@@ -10,9 +10,10 @@ from bent_boards import aligned, seen_bent
 
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.estimating.adjustment import evaluate, residuals, stepped
-from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
 from fisheye_ep_calib.calibration.estimating.normal_equations import Step, reduced_information, solve_damped
 from fisheye_ep_calib.calibration.estimating.shape_estimate import linearised, with_estimated_shape
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target

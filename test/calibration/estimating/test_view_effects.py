@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from bent_boards import seen_bent
 
-from fisheye_ep_calib.calibration.assessing.nuisance_models import joint_linearisation
 from fisheye_ep_calib.calibration.estimating.adjustment import evaluate, residuals, stepped
-from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
 from fisheye_ep_calib.calibration.estimating.joint_posterior import JOINT_GROUPS
 from fisheye_ep_calib.calibration.estimating.normal_equations import Step
+from fisheye_ep_calib.calibration.estimating.nuisance_models import joint_linearisation
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target

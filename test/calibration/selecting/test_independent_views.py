@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib.calibration import Observations, calibrate, rough_camera
-from fisheye_ep_calib.calibration.estimating.fit import first_fit, prepare
+from fisheye_ep_calib.calibration.estimating.fit import first_fit
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.selecting.cross_validation import fold_of_view
 from fisheye_ep_calib.calibration.selecting.independent_views import places, without_copies, without_resting_views
 from fisheye_ep_calib.camera.bands import pupil_sigma

@@ -7,8 +7,9 @@ import pytest
 from changing_boards import seen_changing
 from known_scenes import CAMERA
 
-from fisheye_ep_calib.calibration.assessing.nuisance_models import NuisanceModel, nuisance_models
-from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, prepare, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
+from fisheye_ep_calib.calibration.estimating.nuisance_models import NuisanceModel, nuisance_models
+from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 
 ANGLES = np.radians([30, 60])

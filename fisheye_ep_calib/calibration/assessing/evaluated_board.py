@@ -17,8 +17,9 @@ import numpy as np
 from fisheye_ep_calib.calibration.assessing.board import board_shape
 from fisheye_ep_calib.calibration.assessing.evaluation import posed_views
 from fisheye_ep_calib.calibration.assessing.finding import Finding
-from fisheye_ep_calib.calibration.estimating.fit import MIN_VIEWS, Fit, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, refine
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
+from fisheye_ep_calib.calibration.estimating.sightings import MIN_VIEWS
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.selecting.cross_validation import CrossValidation, cross_validate
 from fisheye_ep_calib.calibration.selecting.outliers import DRAGGED, without_gross_errors
