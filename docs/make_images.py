@@ -1,31 +1,46 @@
-"""The picture of the README, computed: python docs/make_images.py
+"""The pictures of README and docs, computed: python docs/make_images.py
 
 Left: rays of a ray-traced 170° lens before its first surface, and where they would cross the axis. Right: cameras
 fitted to one simulated recording of that lens at 100–150 mm, compared with the lens itself at other distances.
+
+The second picture shows places of a board in the image that tell something, and such that do not.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import matplotlib
 import numpy as np
 
 from fisheye_ep_calib import FisheyeCamera, calibrate
 from fisheye_ep_calib.camera.directions import direction
-from fisheye_ep_calib.simulation import observe, paper_poses
+from fisheye_ep_calib.simulation import observe, paper_poses, paper_target
+from fisheye_ep_calib.simulation.poses import look_pose
 from fisheye_ep_calib.simulation.ray_traced_camera import RayTracedCamera, laikin_camera
+from fisheye_ep_calib.simulation.rendering import Imaging, render
 from fisheye_ep_calib.target.boards.chessboard import Chessboard
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
-PICTURE = Path(__file__).parent / "images" / "entrance_pupil.png"
+IMAGES = Path(__file__).parent / "images"
 ANGLES = (0, 15, 30, 45, 60, 70, 80, 85)  # degrees
 MODELS = {"kannala": ("one viewpoint", "tab:red"), "ep_even": ("moving entrance pupil", "tab:blue")}
 RECORDED = (0.10, 0.15)  # metres
 DISTANCES = np.geomspace(0.05, 10, 25)  # metres
 NOISE = 0.05  # px per axis
+PLACES = {  # what is shown: θ, azimuth, distance in metres, tilt, roll; angles in degrees
+    "in the middle, tilted": (15, 200, 0.12, 30, 0),
+    "at the edge, cut off": (72, 20, 0.11, 10, 30),
+    "in a corner, near": (58, 225, 0.08, 15, -30),
+    "there at twice that distance": (62, 225, 0.17, 25, -20),
+    "far away": (10, 0, 0.5, 0, 0),
+    "middle only, parallel to the sensor": (3, 0, 0.14, 0, 0),
+    "the same place again": (3, 0, 0.14, 0, 0),
+    "moved while exposed": (25, 10, 0.14, 10, 0),
+}
 
 
 def draw_rays(axes: plt.Axes, camera: RayTracedCamera) -> None:
@@ -107,6 +122,24 @@ def error_at(distance: float, lens: RayTracedCamera, camera: FisheyeCamera, moti
     return float(np.sqrt(square.mean()))
 
 
+def draw_places() -> plt.Figure:
+    """A board held where it tells something (above), and where it does not (below)."""
+    camera, board = laikin_camera(), paper_target()
+    figure, rows = plt.subplots(2, 4, figsize=(11, 5.9), layout="constrained")
+    for number, (axes, (name, place)) in enumerate(zip(rows.flat, PLACES.items(), strict=True)):
+        theta, azimuth, distance, tilt, roll = place
+        angles = np.radians([theta, azimuth, tilt, roll])
+        pose = look_pose(board, angles[0], angles[1], distance, angles[2], 0.7, angles[3])
+        image = render(camera, board, pose, Imaging(texture=12, vignetting=0.3))
+        if name.startswith("moved"):
+            image = cv2.blur(image, (41, 3))
+        axes.imshow(image, cmap="gray", vmin=0, vmax=255)
+        good = number < rows.shape[1]
+        axes.set_title(f"{'✓' if good else '✗'} {name}", fontsize=10, color="tab:green" if good else "tab:red")
+        axes.set(xticks=[], yticks=[])
+    return figure
+
+
 def main() -> None:
     lens = laikin_camera()
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.6), width_ratios=(1, 1), layout="constrained")
@@ -114,9 +147,10 @@ def main() -> None:
     draw_errors(right, lens)
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
-    PICTURE.parent.mkdir(exist_ok=True)
-    figure.savefig(PICTURE, dpi=110)
-    print(f"wrote {PICTURE}")
+    IMAGES.mkdir(exist_ok=True)
+    figure.savefig(IMAGES / "entrance_pupil.png", dpi=110)
+    draw_places().savefig(IMAGES / "places.png", dpi=80)
+    print(f"wrote {IMAGES}")
 
 
 if __name__ == "__main__":
