@@ -13,7 +13,8 @@ from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, 
 
 MAGIC = b"#ROSBAG V2.0\n"
 MAX_HEADER_BYTES = 2**20
-MAX_CHUNK_BYTES = 2**30
+MAX_CHUNK_BYTES = 2**28
+INDEX_ENTRY_BYTES = 12
 LAST_POSITION = 2**62  # beyond any file, within what seek() takes
 
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
@@ -72,7 +73,7 @@ class BagFile(BagSource):
             raise InputError(f"{self.path} is not a ROS 1 bag of version 2.0, or its first bytes are damaged")
         chunks, complete = self._chunk_positions(stream)
         lost = 0
-        for position in chunks:
+        for position in dict.fromkeys(chunks):
             try:
                 lost += not self._index_chunk(stream, position)
             except (Damaged, InputError):
@@ -103,6 +104,7 @@ class BagFile(BagSource):
         wanted = [CONNECTION] * connections + [CHUNK_INFO] * chunk_count
         chunks = []
         for kind in wanted:
+            self.budget.take(0)
             record = _record_at(stream, position)
             if record.kind != kind or record.end > self._size:
                 raise Damaged
@@ -118,6 +120,7 @@ class BagFile(BagSource):
         position = len(MAGIC)
         try:
             while position < self._size:
+                self.budget.take(0)
                 record = _record_at(stream, position)
                 if record.end > self._size:
                     return chunks, False
@@ -174,6 +177,7 @@ class BagFile(BagSource):
 
     def _index_entries(self, stream: BinaryIO, record: Record, chunk: int) -> list[tuple[int, Entry]]:
         connection = record.number("conn")
+        self.budget.enter(record.length // INDEX_ENTRY_BYTES)
         content = _read_exactly(stream, record.data, record.length)
         if record.number("ver") != 1 or len(content) != 12 * record.number("count"):
             raise Damaged
@@ -184,17 +188,21 @@ class BagFile(BagSource):
 
     def _walk_chunk(self, stream: BinaryIO, chunk: Record, position: int) -> tuple[list[tuple[int, Entry]], bool]:
         """Connections and entries of the messages in a chunk, and whether the chunk holds what it declares."""
+        self.budget.take(chunk.number("size"))
         content = self._chunk_content(stream, chunk)
         records = BytesIO(content)
         entries = []
         offset = 0
         while offset < len(content):
+            self.budget.take(0)
             record = _record_at(records, offset)
             if record.end > len(content):
                 raise Damaged
             if record.kind == CONNECTION:
                 self._note_connection(records, record)
             elif record.kind == MESSAGE:
+                if record.number("conn") in self._connections:
+                    self.budget.enter()
                 entries.append((record.number("conn"), Entry(record.time(), (position, offset))))
             offset = record.end
         return entries, len(content) == chunk.number("size")

@@ -11,6 +11,7 @@ import numpy as np
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.outside import open_outside
+from fisheye_ep_calib.storage.budget import Budget, Spent
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
 from fisheye_ep_calib.storage.images import as_bytes, decoded_file, grey_image, grey_of_samples
 from fisheye_ep_calib.storage.messages import Message, deserialize
@@ -22,7 +23,7 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, *VIDEO_TYPES)
 
-MAX_MESSAGE_BYTES = 2**30
+MAX_MESSAGE_BYTES = 2**28  # 134 megapixels of 16 bits
 _END_BYTES = 2**16
 
 
@@ -48,23 +49,32 @@ class Source:
         self.topics: dict[str, str] = {}
         self.entries: dict[str, list[Entry]] = {}
         self.problems: list[str] = []
+        self.budget = Budget()
         self._file: Any = None
         self._fingerprint: str | None = None
 
     @classmethod
-    def open(cls, path: Path) -> Source:
-        """Open a file and list its images. Raises InputError where it is not of this format."""
+    def open(cls, path: Path, budget: Budget | None = None) -> Source:
+        """Open a file and list its images. Raises InputError where it is not of this format.
+
+        budget: of the recording that the file belongs to; its own where it is not given. Where it is used up, what was
+        reached is listed, and ``problems`` says so.
+        """
         source = cls(path)
+        source.budget = budget or source.budget
+        source.budget.grow(path.stat().st_size)
         try:
             source.list_images()
+        except Spent as spent:
+            source.problems.append(f"{path}: {spent}; the {source.image_count} images found until then are used")
         except OSError as error:
             source.close()
             raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
         except BaseException:
             source.close()
             raise
-        for entries in source.entries.values():
-            entries.sort(key=lambda entry: entry.stamp_ns)
+        for topic, entries in source.entries.items():
+            source.entries[topic] = sorted(dict.fromkeys(entries), key=lambda entry: entry.stamp_ns)
         return source
 
     @property
@@ -73,7 +83,7 @@ class Source:
         return sum(len(entries) for entries in self.entries.values())
 
     def list_images(self) -> None:
-        """Fill in topics, entries and problems."""
+        """Fill in topics, entries and problems; ``budget`` is told what it costs."""
         raise NotImplementedError
 
     def grey(self, topic: str, entry: Entry) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 import struct
+import time
 from pathlib import Path
 from urllib.parse import quote
 
@@ -13,11 +14,23 @@ from fisheye_ep_calib.outside import open_outside
 from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry
 from fisheye_ep_calib.storage.sources.open_files import note_use
 
+_TABLES = ("topics", "messages")
+_MOST_COLUMNS = 100
+_STEPS = 100_000  # of SQLite's machine, between two looks at the clock
+_SECONDS = 10.0  # of processor time without a row
+_LEAST_LIMIT = 2**16
+_LIMIT_LENGTH = 0  # SQLITE_LIMIT_LENGTH, of a value: none is larger than its file
+
 
 class Db3File(BagSource):
     """An entry's location is (row of the table ``messages``,)."""
 
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._asked = time.process_time()
+
     def list_images(self) -> None:
+        self._refuse_programs()
         self._connection().execute("PRAGMA cell_size_check = ON")  # finds damage; too slow for reading images
         topics = self._topics()
         if not topics:
@@ -40,12 +53,35 @@ class Db3File(BagSource):
             if topic_id in topics:
                 self.entries[topics[topic_id]].append(Entry(stamp, (row,)))
 
+    def _refuse_programs(self) -> None:
+        """Raises InputError unless topics and messages are plain tables: a view, a virtual table or a column that is
+        calculated is a program that somebody else wrote.
+        """
+        connection = self._connection()
+        try:
+            for table in _TABLES:
+                query = "SELECT type, substr(sql, 1, 13), rootpage FROM sqlite_master WHERE name = ?"
+                found = connection.execute(query, (table,)).fetchmany(2)
+                if not found:
+                    raise InputError(f"{self.path} is not a rosbag2 database: no such table: {table}")
+                plain = len(found) == 1 and found[0][:2] == ("table", "CREATE TABLE ") and (found[0][2] or 0) > 0
+                columns = connection.execute(f"PRAGMA table_xinfo({table})").fetchmany(_MOST_COLUMNS)
+                if not plain or any(column[6] for column in columns):
+                    raise InputError(f"{self.path} is not a rosbag2 database: {table} is no plain table")
+                if table == "messages" and ("id", "INTEGER", 1) not in {
+                    (column[1], str(column[2]).upper(), column[5]) for column in columns
+                }:
+                    raise InputError(f"{self.path} is not a rosbag2 database: its messages have no numbers")
+        except sqlite3.Error as error:
+            raise InputError(f"{self.path} is not a rosbag2 database, or is damaged: {error}") from None
+
     def _topics(self) -> dict[int, str]:
         """Note every topic; returns those of images by their id."""
         images = {}
         try:
             query = "SELECT id, name, type, serialization_format FROM topics"
             for topic_id, name, type_name, encoding in self._connection().execute(query):
+                self.budget.take(0)
                 if self._add_topic(str(name), str(type_name), str(encoding)):
                     images[topic_id] = str(name)
         except sqlite3.Error as error:
@@ -56,13 +92,18 @@ class Db3File(BagSource):
 
     def _collect(self, rows: list[tuple[int, int, int]], direction: str, stop_at: int | None) -> bool:
         """Append (row, topic, time) of every message; False where some cannot be read."""
-        complete = True
+        complete, last = True, None
         # Not by an index: the table is what is read later, and what is damaged in it shows here.
         query = f"SELECT id, topic_id, timestamp FROM messages NOT INDEXED ORDER BY id {direction}"
         try:
             for row in self._connection().execute(query):
                 if row[0] == stop_at:
                     break
+                if last is not None and (row[0] <= last if direction == "ASC" else row[0] >= last):
+                    return False  # pages that lead back to one another
+                last = row[0]
+                self.budget.enter()
+                self._asked = time.process_time()
                 if all(isinstance(value, int) for value in row):
                     rows.append(row)
                 else:
@@ -89,6 +130,9 @@ class Db3File(BagSource):
             uri = f"file:{quote(str(self.path.absolute()))}?{options}"
             try:
                 self._file = file = sqlite3.connect(uri, uri=True, check_same_thread=False)
+                file.set_progress_handler(self._may_go_on, _STEPS)
+                if hasattr(file, "setlimit"):  # from Python 3.11 on
+                    file.setlimit(_LIMIT_LENGTH, min(MAX_MESSAGE_BYTES, self._file_bytes()))
                 file.text_factory = lambda text: text.decode("utf-8", "replace")
                 # The name misleads: it makes SQLite read a file that is shorter than it says it is.
                 file.execute("PRAGMA writable_schema = ON")
@@ -105,11 +149,21 @@ class Db3File(BagSource):
         """SQLite reads a journal only there."""
         return os.access(self.path.absolute().parent, os.W_OK)
 
+    def _file_bytes(self) -> int:
+        """With the journal, where there is one."""
+        journal = Path(f"{self.path}-wal")
+        return self.path.stat().st_size + (journal.stat().st_size if journal.exists() else 0) + _LEAST_LIMIT
+
+    def _may_go_on(self) -> bool:
+        """Asked by SQLite every so many steps; true ends what it does, with an error."""
+        return time.process_time() - self._asked > _SECONDS
+
     def read(self, topic: str, entry: Entry) -> bytes:
         try:
             size_query = "SELECT length(data), typeof(data) FROM messages WHERE id = ?"
+            self._asked = time.process_time()
             size, kind = self._connection().execute(size_query, entry.location).fetchone() or (0, "")
-            if kind != "blob" or size > MAX_MESSAGE_BYTES:
+            if kind != "blob" or size > min(MAX_MESSAGE_BYTES, self._file_bytes()):
                 raise InputError("the message is damaged")
             query = "SELECT data FROM messages WHERE id = ?"
             content: bytes = self._connection().execute(query, entry.location).fetchone()[0]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.outside import open_outside
+from fisheye_ep_calib.storage.budget import Budget
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
 from fisheye_ep_calib.storage.sources.base import BagSource, Source
 from fisheye_ep_calib.storage.sources.copies import without_copies
@@ -34,14 +35,14 @@ class BagFormat(NamedTuple):
     module: str
     source: str
 
-    def open(self, path: Path) -> Source:
+    def open(self, path: Path, budget: Budget) -> Source:
         try:
             module = importlib.import_module(self.module)
         except ModuleNotFoundError as error:
             raise InputError(
                 f"{path}: reading it needs the Python package {error.name}: pip install {error.name}"
             ) from None
-        opened: Source = getattr(module, self.source).open(path)
+        opened: Source = getattr(module, self.source).open(path, budget)
         return opened
 
 
@@ -71,6 +72,7 @@ def find_sources(paths: Sequence[str | os.PathLike[str]], scratch: Path) -> Foun
     """
     if not paths:
         raise InputError("no recording is named")
+    budget = Budget()
     sources: list[Source] = []
     problems: list[str] = []
     notes: list[str] = []
@@ -81,15 +83,15 @@ def find_sources(paths: Sequence[str | os.PathLike[str]], scratch: Path) -> Foun
             if is_image_file(path):
                 loose_images.append(path)
             elif is_archive(path) and path.is_file():
-                folders += _images_of_archive(path, scratch, problems)
+                folders += _images_of_archive(path, scratch, problems, budget)
             elif path.is_dir():
                 bags = _bags_in(path)
                 if bags is None:
                     folders += _images_within(path)
                 else:
-                    sources += _sources_of_bag_folder(path, bags, scratch, problems)
+                    sources += _sources_of_bag_folder(path, bags, scratch, problems, budget)
             else:
-                sources.append(_open_bag(path, scratch, problems))
+                sources.append(_open_bag(path, scratch, problems, budget))
         taken = {file.resolve() for folder in folders for file in folder.files}
         loose_images = [path for path in loose_images if path.resolve() not in taken]
         by_folder: dict[Path, list[Path]] = {}
@@ -147,9 +149,9 @@ def _images_within(folder: Path) -> list[ImageFolder]:
     return folders
 
 
-def _images_of_archive(path: Path, scratch: Path, problems: list[str]) -> list[ImageFolder]:
+def _images_of_archive(path: Path, scratch: Path, problems: list[str], budget: Budget) -> list[ImageFolder]:
     folder = scratch / f"{len(list(scratch.iterdir()))}_images"
-    unpack_images(path, folder, problems)
+    unpack_images(path, folder, problems, budget)
     name = archive_stem(path)
     return [
         replace(images, archive=(path, folder), name=images.name if images.path != folder else name)
@@ -157,7 +159,9 @@ def _images_of_archive(path: Path, scratch: Path, problems: list[str]) -> list[I
     ]
 
 
-def _sources_of_bag_folder(folder: Path, bags: list[Path], scratch: Path, problems: list[str]) -> list[Source]:
+def _sources_of_bag_folder(
+    folder: Path, bags: list[Path], scratch: Path, problems: list[str], budget: Budget
+) -> list[Source]:
     """The files of a rosbag2 folder, or ROS 1 bags side by side; an unreadable one spares the others."""
     damage: list[str] = []
     listed = _files_listed(folder, damage)
@@ -172,7 +176,7 @@ def _sources_of_bag_folder(folder: Path, bags: list[Path], scratch: Path, proble
     failures = []
     for path in bags:
         try:
-            sources.append(_open_bag(path, scratch, problems))
+            sources.append(_open_bag(path, scratch, problems, budget))
         except InputError as error:
             failures.append(str(error))
     if not sources:
@@ -202,20 +206,20 @@ def bag_suffix(path: Path) -> str:
     return suffix if suffix in BAG_FORMATS else ""
 
 
-def _open_bag(path: Path, scratch: Path, problems: list[str]) -> Source:
+def _open_bag(path: Path, scratch: Path, problems: list[str], budget: Budget) -> Source:
     """A bag by what its first bytes say it is, or else by its name."""
     start = _first_bytes(path)
     if not start:
         raise InputError(f"{path} is empty")
     if start.startswith(ZSTD_MAGIC):
-        packed, path = path, _decompressed(path, scratch, problems)
+        packed, path = path, _decompressed(path, scratch, problems, budget)
         if path.stat().st_size == 0:
             raise InputError(f"{packed} is empty or damaged")
         start = _first_bytes(path)
     by_magic = [bag_format for bag_format in BAG_FORMATS.values() if start.startswith(bag_format.magic)]
     by_name = [BAG_FORMATS[suffix] for suffix in [bag_suffix(path)] if suffix]
     for bag_format in by_magic + by_name:
-        return bag_format.open(path)
+        return bag_format.open(path, budget)
     raise InputError(f"{path} is neither a bag ({', '.join(BAG_FORMATS)}) nor an image nor a folder of either")
 
 
@@ -227,10 +231,10 @@ def _first_bytes(path: Path) -> bytes:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
-def _decompressed(path: Path, scratch: Path, problems: list[str]) -> Path:
+def _decompressed(path: Path, scratch: Path, problems: list[str], budget: Budget) -> Path:
     """A .zstd file's content as a file in ``scratch``."""
     destination = scratch / f"{len(list(scratch.iterdir()))}_{path.stem}"
-    problem = decompress_file(path, destination)
+    problem = decompress_file(path, destination, budget)
     if problem:
         problems.append(problem)
     return destination

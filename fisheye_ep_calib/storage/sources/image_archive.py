@@ -6,6 +6,8 @@ links, devices and whatever leads out of the folder are never made.
 
 from __future__ import annotations
 
+import io
+import lzma
 import os
 import re
 import shutil
@@ -13,8 +15,11 @@ import tarfile
 import zlib
 from pathlib import Path, PurePosixPath
 
-from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.outside import open_outside
+from fisheye_ep_calib.plain_text import one_line
+from fisheye_ep_calib.storage.budget import Budget, Spent
+from fisheye_ep_calib.storage.compression import SPARE_BYTES, UnpackedStream
 from fisheye_ep_calib.storage.sources.image_files import MAX_FILE_BYTES, SUFFIXES
 
 ENDINGS = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
@@ -22,7 +27,8 @@ _MOST_MEMBERS = 200_000
 _MOST_HEADER_BYTES = 2**16  # of a long name or extended attributes, which are read into memory
 _DEEPEST = 6
 _LONGEST = 100  # characters of a name
-_BLOCK = 2**20
+_BLOCK = 2**18
+_DAMAGE = (Spent, tarfile.TarError, EOFError, zlib.error, lzma.LZMAError, OSError, ValueError, RecursionError)
 
 
 class _BoundedMember(tarfile.TarInfo):
@@ -47,32 +53,37 @@ def archive_stem(path: Path) -> str:
     return path.name[: len(path.name) - len(ending)] or "images"
 
 
-def unpack_images(archive: Path, folder: Path, problems: list[str]) -> None:
+def unpack_images(archive: Path, folder: Path, problems: list[str], budget: Budget) -> None:
     """Write the images of a tar archive to an empty folder, which is made. problems: what of them is lost, in words.
 
     Raises InputError where it holds none, is no archive, or the disk would fill up.
     """
     folder.mkdir()
-    # Images do not compress a thousandfold; what does would fill the disk on purpose.
-    room = min(shutil.disk_usage(folder).free - 2**28, 2**30 + 1000 * archive.stat().st_size)
+    budget.grow(archive.stat().st_size)
+    room = shutil.disk_usage(folder).free - SPARE_BYTES
     count = members = 0
     try:
         with (
             open_outside(archive) as packed,
-            tarfile.open(fileobj=packed, mode="r|*", tarinfo=_BoundedMember) as content,
+            io.BufferedReader(UnpackedStream(packed, budget), _BLOCK) as unpacked,
+            tarfile.open(fileobj=unpacked, mode="r|", tarinfo=_BoundedMember) as content,
         ):
             for member in content:
                 members += 1
                 room -= max(member.size, 0) + 512
+                budget.take(max(member.size, 0) if member.issparse() else 0)  # its gaps are in no byte of the archive
                 if room < 0 or members > _MOST_MEMBERS:
                     raise InputError(f"{archive}: no room to unpack it in {folder.parent}; set TMPDIR to a larger disk")
                 place = _place(member.name)
                 if member.isreg() and place is not None and 0 <= member.size <= MAX_FILE_BYTES:
                     count += _write(content, member, folder / place)
-    except (tarfile.TarError, EOFError, zlib.error, OSError, ValueError) as error:
+                    budget.enter()
+    except _DAMAGE as error:
         if count == 0:
-            raise InputError(f"{archive} is not a tar archive, or is damaged ({error})") from None
-        problems.append(f"{archive}: cut short or damaged; the {count} images before that are used")
+            said = one_line(first_line(error), 200)
+            raise InputError(f"{archive} is not a tar archive, or is damaged ({said})") from None
+        reason = str(error) if isinstance(error, Spent) else "cut short or damaged"
+        problems.append(f"{archive}: {reason}; the {count} images before that are used")
     if count == 0:
         raise InputError(f"{archive} holds no images")
 

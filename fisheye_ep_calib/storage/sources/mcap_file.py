@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -33,6 +34,7 @@ from fisheye_ep_calib.storage.sources.mcap_records import (
 VERIFIED_CHUNK_BYTES = 2**24
 OUTSIDE_CHUNKS = -1
 DATA_END_BYTES = 4
+INDEX_ENTRY_BYTES = 16
 
 
 class McapFile(BagSource):
@@ -81,7 +83,7 @@ class McapFile(BagSource):
     def _read_summary(self, stream: BinaryIO, start: int, end: int) -> bool:
         chunks: list[ChunkIndex] = []
         counts: dict[int, int] = {}
-        for record in list(walk(stream, start, end)):
+        for record in list(self._walk(stream, start, end)):
             if record.opcode == Opcode.CHUNK_INDEX:
                 chunks.append(parse(stream, record, ChunkIndex))
             elif record.opcode == Opcode.STATISTICS:
@@ -90,7 +92,7 @@ class McapFile(BagSource):
                 self._note(stream, record)
         if not chunks or not self.topics:
             return False
-        for chunk in chunks:
+        for chunk in {chunk.chunk_start_offset: chunk for chunk in chunks}.values():
             if not chunk.message_index_offsets and chunk.message_index_length == 0:
                 if not self._index_chunk(stream, record_at(stream, chunk.chunk_start_offset)):
                     return False
@@ -103,7 +105,7 @@ class McapFile(BagSource):
 
     def _has_loose_messages(self, stream: BinaryIO, end: int) -> bool:
         """Whether there are messages outside chunks, of which an index of chunks says nothing."""
-        return any(record.opcode == Opcode.MESSAGE for record in walk(stream, len(MAGIC), end))
+        return any(record.opcode == Opcode.MESSAGE for record in self._walk(stream, len(MAGIC), end))
 
     def _counted(self, counts: dict[int, int]) -> int:
         """How many images the file's statistics (channel → messages) speak of."""
@@ -111,6 +113,7 @@ class McapFile(BagSource):
 
     def _read_message_index(self, stream: BinaryIO, channel: int, position: int, chunk_position: int) -> None:
         record = record_at(stream, position)
+        self.budget.enter(record.length // INDEX_ENTRY_BYTES)
         index = parse(stream, record, MessageIndex)
         if record.opcode != Opcode.MESSAGE_INDEX or index.channel_id != channel:
             raise CutShort(position)
@@ -123,7 +126,7 @@ class McapFile(BagSource):
         ended = False
         counts: dict[int, int] = {}
         try:
-            for record in walk(stream, len(MAGIC), self._size):
+            for record in self._walk(stream, len(MAGIC), self._size):
                 if record.opcode == Opcode.FOOTER:
                     break
                 if record.opcode == Opcode.DATA_END:
@@ -164,6 +167,7 @@ class McapFile(BagSource):
                 end = min(header.data + header.data_bytes, self._size)
                 whole = end == header.data + header.data_bytes
                 return self._index_chunk_records(stream, record.position, header.data, end) and whole
+            self.budget.take(header.uncompressed_bytes)
             content = chunk_content(stream, header)
             return self._index_chunk_records(BytesIO(content), record.position, 0, len(content))
         except (CutShort, InputError):
@@ -171,10 +175,15 @@ class McapFile(BagSource):
 
     def _index_chunk_records(self, stream: BinaryIO, chunk_position: int, start: int, end: int) -> bool:
         whole = True
-        for record in walk(stream, start, end):
+        for record in self._walk(stream, start, end):
             if record.end <= end:
                 whole &= self._note_if_whole(stream, record, chunk_position, start)
         return whole
+
+    def _walk(self, stream: BinaryIO, start: int, end: int) -> Iterator[Record]:
+        for record in walk(stream, start, end):
+            self.budget.take(0)
+            yield record
 
     def _note_if_whole(
         self, stream: BinaryIO, record: Record, chunk_position: int = OUTSIDE_CHUNKS, start: int = 0
@@ -200,6 +209,7 @@ class McapFile(BagSource):
                 raise CutShort(record.position)
             channel_id, _, stamp = struct.unpack("<HIQ", read_exactly(stream, record.content, 14))
             if channel_id in self._channels:
+                self.budget.enter()
                 location = (chunk_position, record.position - start)
                 self.entries[self._channels[channel_id]].append(Entry(stamp, location))
 

@@ -21,8 +21,8 @@ MAGIC = b"\x89MCAP0\r\n"
 HEADER_BYTES = 9
 FOOTER_BYTES = HEADER_BYTES + 20
 MESSAGE_HEADER_BYTES = 22
-MAX_CHUNK_BYTES = 2**30
-MAX_SMALL_RECORD_BYTES = 2**26
+MAX_CHUNK_BYTES = 2**28  # packed ones; of others only the messages are read
+MAX_SMALL_RECORD_BYTES = 2**22
 LAST_POSITION = 2**62  # beyond any file, within what seek() takes
 
 
