@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -137,16 +138,15 @@ def _live(bag: Path, target_file: Path, folder: Path, obstacle: str) -> bool:
     return True
 
 
-def _camera_info(info: Any) -> str:
-    """A sensor_msgs/CameraInfo as text."""
-    stamp = f"{info.header.stamp.sec}.{info.header.stamp.nanosec:09d}"
+def _camera_info(info: Mapping[str, Any]) -> str:
+    """A CameraInfo as text."""
     return "\n".join(
         [
-            f"  header: {stamp}, {info.header.frame_id}",
-            f"  {info.width} × {info.height}, {info.distortion_model}",
-            f"  d: [{', '.join(f'{value:.6f}' for value in info.d)}]",
-            f"  k: [{', '.join(f'{value:.3f}' for value in info.k)}]",
-            f"  p: [{', '.join(f'{value:.3f}' for value in info.p)}]",
+            f"  header: {info['stamp']}, {info['frame_id']}",
+            f"  {info['width']} × {info['height']}, {info['distortion_model']}",
+            f"  d: [{', '.join(f'{value:.6f}' for value in info['d'])}]",
+            f"  k: [{', '.join(f'{value:.3f}' for value in info['k'])}]",
+            f"  p: [{', '.join(f'{value:.3f}' for value in info['p'])}]",
         ]
     )
 

@@ -169,3 +169,19 @@ def test_a_module_that_allocates_is_noticed(tmp_path, monkeypatch):
     (tmp_path / "fisheye_ep_calib_large.py").write_text("import numpy\nnumpy.empty(2**24, dtype=numpy.uint8)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     assert in_new_process(ALLOCATED, "fisheye_ep_calib_large")["fisheye_ep_calib_large"] > MOST_ALLOCATED
+
+
+def test_the_environment_is_passed_to_processes_and_never_set() -> None:
+    setting = {path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py") if sets_environment(path)}
+    assert setting == {"worker_processes.py"}  # multiprocessing passes none: set while workers start, and set back
+
+
+def sets_environment(path: Path) -> bool:
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        stored = isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load)
+        if stored and ast.unparse(node.value) == "os.environ":
+            return True
+        called = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+        if called in {"os.putenv", "os.unsetenv", *(f"os.environ.{name}" for name in ("update", "setdefault", "pop"))}:
+            return True
+    return False
