@@ -20,6 +20,7 @@ from fisheye_ep_calib.rotation import motion_jacobian
 _HOLDS, _FAILS = 1.25, 2.0  # RMS over what the calibration's own noise leads to expect
 _WRONG_PX = 1.0  # px beyond the RMS expected; less may be blur, or a board that is not as its file says
 _ABSURD = 0.005  # RMS over the image's longer side, where nothing is expected
+BEYOND_EVIDENCE = "beyond_the_calibrated_field"  # a finding's name
 _WRONG = "The camera does not hold on this recording: do not use it here."
 _WORST = 3  # views that are named
 _STANDS_OUT = 2.5  # RMS of a view over that of the middle one
@@ -149,7 +150,7 @@ def _worst_views(rms: dict[str, float]) -> Finding:
 def _beyond_evidence(theta: np.ndarray, limit: float) -> Finding:
     share = float((theta > limit).mean())
     told = f"{100 * share:.1f} % of the points lie beyond {np.degrees(limit):.0f}°, where the calibration saw nothing"
-    return Finding("beyond_the_calibrated_field", {"share": share}, share > 0.01, told)
+    return Finding(BEYOND_EVIDENCE, {"share": share}, share > 0.01, told)
 
 
 def _near_against_far(distance: np.ndarray, square: np.ndarray) -> list[Finding]:

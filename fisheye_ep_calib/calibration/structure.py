@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
+from fisheye_ep_calib.camera import KNOWN_EXTRAS, KNOWN_LENSES, LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
 from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 from fisheye_ep_calib.errors import InputError
@@ -47,11 +47,12 @@ class Structure:
     def __post_init__(self) -> None:
         if self.model not in PUPIL_FAMILIES:
             raise InputError(f"unknown model {shown(self.model)}; known: {', '.join(PUPIL_FAMILIES)}, auto")
-        if self.lens not in LENSES:
-            raise InputError(f"unknown lens {shown(self.lens)}; known: {', '.join(LENSES)}")
+        lenses, extras = (KNOWN_LENSES, KNOWN_EXTRAS) if self.held else (LENSES, LENS_EXTRAS)
+        if self.lens not in lenses:
+            raise InputError(f"unknown lens {shown(self.lens)}; known: {', '.join(lenses)}")
         for name in self.extras:
-            if name not in LENS_EXTRAS:
-                raise InputError(f"unknown lens extra {shown(name)}; known: {', '.join(LENS_EXTRAS)}")
+            if name not in extras:
+                raise InputError(f"unknown lens extra {shown(name)}; known: {', '.join(extras)}")
         most = PUPIL_FAMILIES[self.model].max_terms
         if self.terms is not None and self.model != CENTRAL_MODEL and self.terms not in range(1, most + 1):
             raise InputError(f"{self.model} takes 1 to {most} terms, not {self.terms}")
@@ -73,8 +74,8 @@ class Structure:
         """Shared parameters that are estimated."""
         if self.held:
             return len(WARP_NAMES) * (self.board_shape == BOW)
-        extras = sum(len(LENS_EXTRAS[name].coefficient_names) for name in self.extras)
-        lens = len(LENSES[self.lens].coefficient_names)
+        extras = sum(len(KNOWN_EXTRAS[name].coefficient_names) for name in self.extras)
+        lens = len(KNOWN_LENSES[self.lens].coefficient_names)
         return 4 + self.skew + lens + extras + self.pupil_terms + len(WARP_NAMES) * (self.board_shape == BOW)
 
     def camera(self, image_size: tuple[int, int], focal_lengths: np.ndarray, centre: np.ndarray) -> FisheyeCamera:
@@ -85,10 +86,10 @@ class Structure:
             float(focal_lengths[1]),
             float(centre[0]),
             float(centre[1]),
-            radial=LENSES[self.lens].start_coefficients,
+            radial=KNOWN_LENSES[self.lens].start_coefficients,
             model=self.model,
             coefficients=(0.0,) * self.pupil_terms,
-            extras={name: (0.0,) * len(LENS_EXTRAS[name].coefficient_names) for name in self.extras},
+            extras={name: (0.0,) * len(KNOWN_EXTRAS[name].coefficient_names) for name in self.extras},
             lens=self.lens,
         )
 
@@ -106,7 +107,7 @@ class Structure:
                 del shared[name]
             shared |= zip(pupil_names(self.pupil_terms), self._pupil_like(other, theta), strict=True)
         if _is_series_cut_short(self.lens, other.lens):
-            names = LENSES[self.lens].coefficient_names
+            names = KNOWN_LENSES[self.lens].coefficient_names
             columns = start.lens_model.radius_jacobian(theta, start.radial_array).T
             radial = np.linalg.lstsq(columns, other.radius(theta) - theta, rcond=None)[0]
             shared |= zip(names, radial.tolist(), strict=True)
@@ -131,4 +132,4 @@ class Structure:
 def _is_series_cut_short(lens: str, other: str) -> bool:
     """Whether a lens is Kannala and Brandt's polynomial with fewer terms than another's."""
     both = {lens, other} <= {LENS, FREER_LENS}
-    return both and len(LENSES[lens].coefficient_names) < len(LENSES[other].coefficient_names)
+    return both and len(KNOWN_LENSES[lens].coefficient_names) < len(KNOWN_LENSES[other].coefficient_names)

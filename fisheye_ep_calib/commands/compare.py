@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json_text(_json(arguments, comparison)))
         return 0
-    print(_text(arguments, comparison, rows))
+    print(_text(arguments, files, comparison, rows))
     return 0
 
 
@@ -90,10 +90,16 @@ def _inputs(arguments: argparse.Namespace) -> dict[str, str]:
     return {"A": str(arguments.first), "B": str(arguments.second), "written": now(), **versions()}
 
 
-def _text(arguments: argparse.Namespace, comparison: ComparedCameras, rows: tuple[DistanceSummary, ...]) -> str:
+def _text(
+    arguments: argparse.Namespace,
+    files: tuple[CameraFile, CameraFile],
+    comparison: ComparedCameras,
+    rows: tuple[DistanceSummary, ...],
+) -> str:
     lines = [
         f"A {arguments.first}, B {arguments.second}: B minus A over the field up to "
         f"{np.degrees(comparison.theta.max()):.0f}°",
+        *(f"{label} is read as {file.origin}" for label, file in zip("AB", files, strict=True) if file.origin),
         alignment_text(comparison, arguments.align),
         f"  {'distance':>10}{'RMS px':>10}{'median':>9}{'95 %':>9}{'largest':>9}{'expected':>10}",
     ]

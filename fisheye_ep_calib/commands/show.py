@@ -29,6 +29,8 @@ def _text(file: CameraFile, content: dict[str, Any]) -> str:
     camera = file.camera
     width, height = camera.image_size
     lines = [f"{file.name}: {width}×{height} px, model {camera.model}, lens {camera.lens}"]
+    if file.origin:
+        lines.append(f"  read as {file.origin}")
     values = zip(camera.layout.names, camera.layout.units, camera.parameters, content["sigma"].values(), strict=True)
     for name, unit, value, sigma in values:
         scale, unit = (1e3, "mm") if unit == "m" else (1, unit)

@@ -22,7 +22,8 @@ _PINHOLES = ("plumb_bob", "rational_polynomial", "none", "")
 def recognises(text: str) -> bool:
     """Without the block of this package's own files."""
     keys = ("image_width", "camera_matrix", "distortion_model", "distortion_coefficients")
-    return all(re.search(rf"^{key}:", text, re.MULTILINE) for key in keys) and "opencv-matrix" not in text
+    whole = all(re.search(rf"^{key}:", text, re.MULTILINE) for key in keys)
+    return whole and not re.search(r"^entrance_pupil:|opencv-matrix", text, re.MULTILINE)
 
 
 def read(text: str) -> list[ForeignCamera]:

@@ -12,6 +12,7 @@ from fisheye_ep_calib.calibration.assessing.evaluated_board import EvaluatedBoar
 from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation, evaluate_camera
 from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.evaluation_words import (
+    BEYOND_EVIDENCE,
     camera_variance,
     evaluation_content,
     evaluation_findings,
@@ -58,8 +59,18 @@ class EvaluatedCamera(Evaluation):
     def findings(self) -> tuple[Finding, ...]:
         """What stands out by angle, distance and view, and of the board."""
         found = evaluation_findings(self, self.observations, self.camera_file.camera.theta_max)
+        if self.camera_file.origin:  # where its calibration saw points is not known either
+            found = (*(one for one in found if one.name != BEYOND_EVIDENCE), self._of_another_program)
         of_board = None if self.chosen is None else self.chosen.finding
         return found if of_board is None else (*found, of_board)
+
+    @property
+    def _of_another_program(self) -> Finding:
+        told = (
+            f"the camera is read as {self.camera_file.origin}; the file says nothing of its uncertainty, so what is to "
+            "be expected is not known: calibrate this recording, evaluate that camera on it too, and compare the two"
+        )
+        return Finding("another_program", {"rms_px": self.rms_px}, False, told)
 
     @property
     def board_words(self) -> str:

@@ -19,6 +19,7 @@ def camera_content(file: CameraFile) -> dict[str, Any]:
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
     return {
         "name": file.name,
+        "origin": file.origin,
         "model": camera.model,
         "lens": camera.lens,
         "image_size": list(camera.image_size),

@@ -23,13 +23,16 @@ from fisheye_ep_calib.camera.left_open import PupilLeftOpen
 from fisheye_ep_calib.camera.limits import refuse_absurd
 from fisheye_ep_calib.camera.parameters import PIXEL_NAMES
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
+from fisheye_ep_calib.formats import Format
+from fisheye_ep_calib.formats.reading import origin, read_foreign, recognised, stand_in_of
+from fisheye_ep_calib.outside import read_text_outside
 from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.content import board_content, parse_board
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.version import __version__
-from fisheye_ep_calib.yaml_file import read_yaml
+from fisheye_ep_calib.yaml_file import MOST_BYTES, parse_yaml
 
 if TYPE_CHECKING:  # the command show is to answer without what calibrates
     from fisheye_ep_calib.calibration.result import CalibrationResult
@@ -47,6 +50,7 @@ class CameraFile:
     board_warp (3,): metres. board: the shape of the target that the camera was calibrated with. calibration: the other
     facts about how it was made.
     projection_uncertainty: theta_deg, distance_m and the rows sigma_px; empty where unknown.
+    origin: of a camera of another program, which and what kind.
     """
 
     name: str
@@ -59,6 +63,7 @@ class CameraFile:
     calibration: dict[str, Any] = field(default_factory=dict[str, Any])
     projection_uncertainty: dict[str, Any] = field(default_factory=dict[str, Any])
     board: BoardShape | None = None
+    origin: str = ""
 
 
 def save_camera(
@@ -182,13 +187,16 @@ def load_camera(path: str | PathLike[str]) -> FisheyeCamera:
 def read_camera_file(path: str | PathLike[str]) -> CameraFile:
     """Everything that a camera file says.
 
-    A plain camera_info YAML without the block ``entrance_pupil`` is read too, where it is equidistant.
-    Raises InputError with the file's name and what is wrong with it.
+    Files of other programs are read too (``formats``); of one with several cameras the one named behind a colon, as in
+    "camchain.yaml:cam1". Raises InputError with the file's name and what is wrong with it.
     """
-    path = Path(path)
-    content = read_yaml(path, "camera")
+    path, chosen = _camera_in_file(Path(path))
+    text = read_text_outside(path, MOST_BYTES, "camera")
     try:
-        file = _camera_file(content)
+        foreign = recognised(text)
+        if foreign is None and chosen:
+            raise InputError("it holds one camera: no name belongs behind its own")
+        file = _camera_file(parse_yaml(text, "it")) if foreign is None else _foreign_file(text, foreign, chosen)
         for camera in (file.camera, file.stand_in):
             refuse_absurd(camera)
         return file
@@ -199,14 +207,30 @@ def read_camera_file(path: str | PathLike[str]) -> CameraFile:
         raise InputError(f"{path} is not a camera file: {what}") from None
 
 
+def _camera_in_file(path: Path) -> tuple[Path, str]:
+    """ "camchain.yaml:cam1" as the file and the camera's name in it."""
+    name, colon, camera = path.name.rpartition(":")
+    if not colon or path.exists():
+        return path, ""
+    return path.with_name(name), camera
+
+
+def _foreign_file(text: str, foreign: Format, chosen: str) -> CameraFile:
+    """A camera of another program: nothing is known of its uncertainty."""
+    found = read_foreign(text, foreign, chosen)
+    unknown = np.zeros((len(found.camera.parameters),) * 2)
+    told = "" if foreign.name == "camera_info" and found.model == "equidistant" else origin(found, foreign)
+    return CameraFile(
+        one_line(found.name, _LONGEST_TEXT), found.camera, stand_in_of(found.camera), unknown, origin=told
+    )
+
+
 def _camera_file(content: dict[str, Any]) -> CameraFile:
     if not isinstance(content, dict):
         raise InputError("a camera file is a mapping")
     stand_in = _stand_in(content)
     name = _text(content, "camera_name", "camera")
-    block = content.get("entrance_pupil")
-    if block is None:
-        return CameraFile(name, stand_in, stand_in, np.zeros((len(stand_in.parameters),) * 2))
+    block = content["entrance_pupil"]
     if block["schema"] != SCHEMA:
         raise InputError(f"schema {shown(block['schema'])} of entrance_pupil is not known here; known: {SCHEMA}")
     intrinsics = block["intrinsics"]

@@ -56,8 +56,8 @@ def double_sphere(fx, fy, cx, cy, xi, alpha) -> Callable[[np.ndarray], np.ndarra
     return project
 
 
-def cahvore(fx, fy, cx, cy, alpha, beta, r0, r1, r2, e0, e1, e2) -> Callable[[np.ndarray], np.ndarray]:
-    """mrcal's LENSMODEL_CAHVORE with linearity 0: the angle by bisection, point by point."""
+def cahvore(fx, fy, cx, cy, alpha, beta, r0, r1, r2, e0, e1, e2, linearity=0.0) -> Callable[[np.ndarray], np.ndarray]:
+    """mrcal's LENSMODEL_CAHVORE; CAHVOR with linearity 1 and no pupil. The angle by bisection, point by point."""
     axis = np.array([np.sin(alpha) * np.cos(beta), np.sin(beta), np.cos(alpha) * np.cos(beta)])
 
     def one(point: np.ndarray) -> np.ndarray:
@@ -70,7 +70,9 @@ def cahvore(fx, fy, cx, cy, alpha, beta, r0, r1, r2, e0, e1, e2) -> Callable[[np
             return float(zeta * np.sin(theta) - length * np.cos(theta) - shift)
 
         theta = brentq(equation, 0.0, np.arctan2(length, zeta) + 0.6, xtol=1e-15)
-        turned = axis * length / theta + across * (1 + r0 + r1 * theta**2 + r2 * theta**4)
+        bend = np.tan if linearity > 0 else np.sin
+        chi = bend(linearity * theta) / linearity if linearity else theta
+        turned = axis * length / chi + across * (1 + r0 + r1 * chi**2 + r2 * chi**4)
         return np.array([fx * turned[0] / turned[2] + cx, fy * turned[1] / turned[2] + cy])
 
     return lambda points: np.array([one(point) for point in points])
