@@ -9,6 +9,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.camera_difference import CameraDifference
 from fisheye_ep_calib.calibration.words import distance_text
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 _BEYOND_NOISE = 2.5  # times what the uncertainties lead to expect
 _RING_DEGREES = 10
@@ -77,6 +78,54 @@ def alignment_text(difference: CameraDifference, alignment: str) -> str:
     if alignment == "rotation":
         return text
     return f"{text} Its origin was shifted by {1e3 * np.linalg.norm(difference.shift):.4f} mm too."
+
+
+@dataclass(frozen=True)
+class ComparedBoards:
+    """What shapes the boards had with which two cameras were calibrated; None where a file does not say.
+
+    A camera bears the shape that its board was taken to have, so that a difference of the boards is one of the cameras.
+    """
+
+    first: BoardShape | None
+    second: BoardShape | None
+
+    @property
+    def same_target(self) -> bool:
+        """Whether both files tell of one target."""
+        if self.first is None or self.second is None:
+            return False
+        return self.first.same_target(self.second.object_points)
+
+    @property
+    def difference_mm(self) -> float | None:
+        """By how far apart the points are in both shapes, RMS; None of two targets."""
+        if self.first is None or self.second is None or not self.same_target:
+            return None
+        square = ((self.first.deviation - self.second.deviation) ** 2).sum(axis=1)
+        return 1e3 * float(np.sqrt(square.mean()))
+
+    @property
+    def sentence(self) -> str:
+        if self.first is None and self.second is None:
+            return "Neither file tells the shape of its board."
+        told = "; ".join(
+            f"{label}: {'its file does not tell the board' if board is None else board.sentence}"
+            for label, board in (("A", self.first), ("B", self.second))
+        )
+        if self.difference_mm is not None:
+            end = f"the same target, whose shapes differ by {self.difference_mm:.3f} mm RMS"
+        elif self.first is not None and self.second is not None:
+            end = "two targets"
+        else:
+            return f"Boards: {told}."
+        return f"Boards: {told}; {end}."
+
+    def to_dict(self) -> dict[str, Any]:
+        """What programs read."""
+        first, second = (None if board is None else board.to_dict() for board in (self.first, self.second))
+        same = self.same_target if self.first is not None and self.second is not None else None
+        return {"first": first, "second": second, "same_target": same, "difference_mm": self.difference_mm}
 
 
 def comparison_content(cameras: CameraDifference, alignment: str) -> dict[str, Any]:

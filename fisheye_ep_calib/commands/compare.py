@@ -69,8 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
     rows = summaries(comparison)
     if arguments.report is not None:
         names = files[0].name, files[1].name
-        size = files[0].camera.image_size
-        write_comparison(arguments.report, names, comparison, arguments.align, _curves(files), size, _inputs(arguments))
+        size, inputs = files[0].camera.image_size, _inputs(arguments) | {"boards": comparison.boards.sentence}
+        write_comparison(arguments.report, names, comparison, arguments.align, _curves(files), size, inputs)
     if arguments.json:
         print(json_text(_json(arguments, comparison)))
         return 0
@@ -116,7 +116,7 @@ def _text(
         pairs = zip(difference[:, ring], expected[:, ring], strict=True)
         cells = (f"{value:.3f} ({_expected(comparison, noise)})" for value, noise in pairs)
         lines.append(f"  {degrees:>4.0f}° " + "".join(f"{cell:>18}" for cell in cells))
-    lines.append(agreement(comparison, rows)[1])
+    lines += [comparison.boards.sentence, agreement(comparison, rows)[1]]
     if arguments.report is not None:
         lines.append(f"wrote {arguments.report}")
     return "\n".join(lines)

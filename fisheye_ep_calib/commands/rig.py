@@ -27,7 +27,6 @@ from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.results_folder import beside
 from fisheye_ep_calib.storage.rig_file import CAMCHAIN, RIG, rig_files
-from fisheye_ep_calib.target.shape.measured import known_board
 
 DESCRIPTION = (
     "Find where calibrated cameras are to each other, from views in which two or more of them see the target at the\n"
@@ -136,12 +135,8 @@ def _look(arguments: argparse.Namespace) -> Iterator[Look]:
 def _calibrated(
     files: Mapping[str, CameraFile], sources: Mapping[str, RigSource], arguments: argparse.Namespace
 ) -> RigCalibration:
-    points = next(iter(sources.values())).observations.object_points
-    board = known_board([file.board for file in files.values()], points)
     cameras = [
-        RigCamera(
-            name, file.camera, sources[name].observations.with_board(board), sources[name].stamps_ns, file.covariance
-        )
+        RigCamera(name, file.camera, sources[name].observations, sources[name].stamps_ns, file.covariance, file.board)
         for name, file in files.items()
     ]
     numbered = any(source.numbered for source in sources.values())
@@ -191,6 +186,8 @@ def _text(rig: RigCalibration, output: Path) -> str:
         for name, ns in zip(rig.names, rig.clock_offsets_ns, strict=True)
         if ns
     ]
+    if rig.board is not None:
+        lines.append(f"  {rig.board.sentence}")
     if np.any(rig.board_warp):
         bow = ", ".join(f"{1e3 * value:+.3f}" for value in rig.board_warp)
         lines.append(f"  board warp (x, y, twist): {bow} mm")

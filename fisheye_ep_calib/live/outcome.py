@@ -20,6 +20,7 @@ from fisheye_ep_calib.outside import read_text_outside
 from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight
 from fisheye_ep_calib.planning.guidance import Suggestion
 from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
+from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.yaml_file import MOST_BYTES
 
 PUPIL_ANGLES = (30, 60, 80)  # degrees at which E(θ) and its band are told
@@ -49,6 +50,7 @@ class Outcome:
     advice: what is still lacking; None where nothing is known about it.
     uncertainty_px: RMS over the field of the projection's standard deviation, px per axis; NaN where unknown.
     covariance (P, P): of the camera's parameters; zero, or None, where unknown.
+    board: the target's shape as it was found.
     """
 
     camera: FisheyeCamera
@@ -59,6 +61,7 @@ class Outcome:
     advice: Advice | None = None
     uncertainty_px: float = np.nan
     covariance: np.ndarray | None = None
+    board: BoardShape | None = None
 
     @property
     def pupil_band_mm(self) -> float:
@@ -100,6 +103,7 @@ def calibrate_views(
         advice=advise(result, observations, board, sight, tried),
         uncertainty_px=spread,
         covariance=result.uncertainty.covariance,
+        board=result.board,
     )
 
 
@@ -115,6 +119,7 @@ def outcome_of_file(path: Path) -> Outcome:
         info=plain_camera_info(file.stand_in),
         figures=figures,
         covariance=file.covariance,
+        board=file.board,
     )
 
 

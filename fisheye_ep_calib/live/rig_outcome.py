@@ -58,7 +58,12 @@ def calibrate_members(members: Sequence[RigMember], tolerance: float, unmistakab
     """Calibrate the rig; what a worker process runs. tolerance: seconds. Raises CalibrationError."""
     cameras = [
         RigCamera(
-            member.name, member.calibration.camera, member.observations, member.stamps_ns, member.calibration.covariance
+            member.name,
+            member.calibration.camera,
+            member.observations,
+            member.stamps_ns,
+            member.calibration.covariance,
+            member.calibration.board,
         )
         for member in members
     ]

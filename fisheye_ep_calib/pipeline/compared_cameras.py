@@ -10,6 +10,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.camera_difference import ALIGNMENTS, CameraDifference, camera_difference
 from fisheye_ep_calib.calibration.comparison import (
+    ComparedBoards,
     DistanceSummary,
     agreement,
     alignment_text,
@@ -25,9 +26,10 @@ DISTANCES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class ComparedCameras(CameraDifference):
-    """alignment: what was taken out before they were compared."""
+    """alignment: what was taken out before they were compared. boards: that they were calibrated with."""
 
     alignment: str
+    boards: ComparedBoards
 
     @property
     def by_distance(self) -> tuple[DistanceSummary, ...]:
@@ -44,14 +46,14 @@ class ComparedCameras(CameraDifference):
 
     def to_dict(self) -> dict[str, Any]:
         """What ``compare --json`` prints of the difference."""
-        return comparison_content(self, self.alignment)
+        return {**comparison_content(self, self.alignment), "boards": self.boards.to_dict()}
 
     def __repr__(self) -> str:
         rows = []
         for row in self.by_distance:
             expected = f", {row.expected_px:.4f} px expected" if any(self.covariances_given) else ""
             rows.append(f"  {distance_text(row.distance_m):>10}: {row.rms_px:.4f} px RMS{expected}")
-        return "\n".join([self.verdict, alignment_text(self, self.alignment), *rows])
+        return "\n".join([self.verdict, alignment_text(self, self.alignment), *rows, self.boards.sentence])
 
 
 def compare(
@@ -75,4 +77,5 @@ def compare(
     if not np.isfinite(difference.length_px).any():
         raise InputError("the two cameras share no part of the field at these distances")
     values = {field.name: getattr(difference, field.name) for field in fields(difference)}
-    return ComparedCameras(**values, alignment=alignment)
+    boards = ComparedBoards(first_file.board, second_file.board)
+    return ComparedCameras(**values, alignment=alignment, boards=boards)

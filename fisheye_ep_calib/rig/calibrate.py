@@ -28,6 +28,7 @@ from fisheye_ep_calib.rig.assembly import (
     assemble,
     refuse_contradictions,
 )
+from fisheye_ep_calib.rig.board import rig_board
 from fisheye_ep_calib.rig.clocks import clocks_of_rig
 from fisheye_ep_calib.rig.result import RigCalibration, RigPair
 from fisheye_ep_calib.rig.symmetry import no_symmetry, symmetries
@@ -49,6 +50,7 @@ class RigCamera:
     """One camera and what it saw. stamps_ns: when each image was taken, by image number.
 
     covariance (P, P): of the camera's parameters, as its file gives it; zero, or None: they are taken as exact.
+    board: the target's shape as this camera's calibration found it.
     """
 
     name: str
@@ -56,6 +58,7 @@ class RigCamera:
     observations: Observations
     stamps_ns: np.ndarray
     covariance: np.ndarray | None = None
+    board: BoardShape | None = None
 
 
 def calibrate_rig(
@@ -70,13 +73,15 @@ def calibrate_rig(
     """Each camera's pose in the first one's frame. tolerance: seconds within which images are of the same time.
 
     unmistakable: no detector can take the target for itself turned. free_cameras: the cameras' parameters are refined
-    too, those with a covariance above zero, or all. The target has the shape that the observations bring, of several
-    the one that is known best; board_warp (3,): a bow on top of it, metres; warp_free: it is refined. find_clocks: the
+    too, those with a covariance above zero, or all. The target has the shape that explains its views best: as the
+    observations bring it, as a camera's calibration found it, or estimated here (board.py); known ones alone where
+    cameras or bow are free. board_warp (3,): a bow on top of it, metres; warp_free: it is refined. find_clocks: the
     cameras' clocks differ by constants, which the views tell. Raises CalibrationError.
     """
     _check(cameras)
     bow = np.zeros(len(WARP_NAMES)) if board_warp is None else np.asarray(board_warp, dtype=float)
-    board = known_board([rig_camera.observations.board for rig_camera in cameras])
+    measured = known_board((one.board for one in cameras), cameras[0].observations.object_points)
+    board = known_board([rig_camera.observations.board for rig_camera in cameras]) or measured
     poses = [_poses(rig_camera, bow, board) for rig_camera in cameras]
     points = cameras[0].observations.object_points
     turns = no_symmetry(points) if unmistakable else symmetries(points)
@@ -91,11 +96,30 @@ def calibrate_rig(
     corrected = [_by_first_clock(rig_camera, names[0], ns) for rig_camera, ns in zip(cameras, clock, strict=True)]
     try:
         assembly = assemble(poses, names, _moments(corrected, tolerance), turns, keep_single=free_cameras)
+        chosen = None
+        if not (free_cameras or warp_free or bow.any()):
+            chosen = rig_board([rig_camera.camera for rig_camera in cameras], _common_views(assembly), measured)
+            board = chosen.board
+        assembly = _with_board(assembly, board)
         minimum, assembly, problem, wrong = _fit(cameras, assembly, bow, free_cameras, warp_free)
     except ContradictoryViews as error:
         raise CalibrationError(f"{error}{'' if find_clocks else _said_of_clocks(names, clocks())}") from None
     covariances = None if free_cameras else [rig_camera.covariance for rig_camera in cameras]
-    return _result(cameras, assembly, problem, minimum, wrong, covariances, tuple(ns or 0 for ns in clock))
+    result = _result(cameras, assembly, problem, minimum, wrong, covariances, tuple(ns or 0 for ns in clock))
+    return replace(result, board=chosen)
+
+
+def _common_views(assembly: Assembly) -> list[Observations]:
+    """What each camera saw at the moments in use, every point under the name that all agree on."""
+    seen = []
+    for observations, images in zip(assembly.observations, assembly.moments.T, strict=True):
+        used = np.isin(observations.image_index, images[images >= 0])
+        seen.append(replace(observations, weights=np.where(used, observations.weights, 0.0)))
+    return seen
+
+
+def _with_board(assembly: Assembly, board: BoardShape | None) -> Assembly:
+    return replace(assembly, observations=tuple(replace(seen, board=board) for seen in assembly.observations))
 
 
 def _by_first_clock(rig_camera: RigCamera, first: str, offset_ns: int | None) -> RigCamera:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.arrays import FloatArray
+from fisheye_ep_calib.calibration.assessing.evaluated_board import EvaluatedBoard
 from fisheye_ep_calib.camera import FisheyeCamera
 
 
@@ -33,6 +34,7 @@ class RigCalibration:
     moments: times at which two cameras or more saw the target (one, where the cameras were refined too).
     views, camera_rms_px: by camera. left_out: (camera, image name) that fit no one position of the target.
     board_warp (3,): metres. clock_offsets_ns: each camera's clock less the first one's, zeros where not compared.
+    board: what shape the target was given, and why; None where it was not compared.
     """
 
     names: tuple[str, ...]
@@ -49,6 +51,7 @@ class RigCalibration:
     board_warp: np.ndarray
     converged: bool
     clock_offsets_ns: tuple[int, ...]
+    board: EvaluatedBoard | None = None
 
     @property
     def rotation_sigma(self) -> np.ndarray:
@@ -83,6 +86,7 @@ class RigCalibration:
                 {"cameras": [self.names[pair.a], self.names[pair.b]], "views": pair.views} for pair in self.pairs
             ],
             "board_warp_m": self.board_warp.tolist(),
+            "board": None if self.board is None else {"words": self.board.sentence, **self.board.to_dict()},
             "not_used": [{"camera": self.names[camera], "view": image} for camera, image in self.left_out],
         }
 

@@ -9,7 +9,7 @@ import pytest
 from bent_boards import aligned, bent, seen_bent
 from known_scenes import BOARD, CAMERA, poses_of, seen, with_gross_errors
 
-from fisheye_ep_calib import InputError, Observations, calibrate, evaluate, load_target, save_camera
+from fisheye_ep_calib import InputError, Observations, calibrate, compare, evaluate, load_target, save_camera
 from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.storage.camera_file import read_camera_file
@@ -128,6 +128,20 @@ def test_the_camera_file_holds_the_board_and_evaluate_uses_it(wavy, saved) -> No
     # Another target's shape is not taken for this one's.
     smaller = replace(fresh, object_points=fresh.object_points * 0.9)
     assert "measured" not in evaluate(saved / "front.yaml", smaller).chosen.held_out_px
+
+
+def test_compare_says_which_boards_two_cameras_were_calibrated_with(wavy, saved) -> None:
+    _, _, result = wavy
+    other = calibrate(seen_bent("bow", 4e-4, seed=4)[0])
+    told = compare(saved / "front.yaml", other)
+    boards = told.to_dict()["boards"]
+    assert boards["same_target"] and boards["difference_mm"] > 0.05
+    assert boards["first"]["bent"] and boards["second"]["bent"]
+    assert "the same target, whose shapes differ by" in repr(told)
+    same = compare(saved / "front.yaml", result).to_dict()["boards"]
+    assert same["difference_mm"] < 1e-5
+    alone = compare(result.camera, other).to_dict()["boards"]
+    assert alone["first"] is None and alone["same_target"] is None and alone["difference_mm"] is None
 
 
 @pytest.mark.parametrize("file", ["front.yaml", "board.yaml"])

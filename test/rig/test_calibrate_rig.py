@@ -172,7 +172,7 @@ def test_the_bow_of_the_target_is_found() -> None:
     flat = [replace(one, observations=replace(one.observations, object_points=points)) for one in seen]
     rig = calibrate_rig(flat, warp_free=True)
     assert np.allclose(rig.board_warp, bow, atol=3e-5)
-    assert calibrate_rig(flat, board_warp=bow).rms_px < 0.1 < calibrate_rig(flat).rms_px
+    assert calibrate_rig(flat, board_warp=bow).rms_px < 0.1 < calibrate_rig(flat, board_warp=1e-9 * bow).rms_px
 
 
 def replace_points(target, points):
@@ -243,18 +243,48 @@ def test_wrong_input_is_refused() -> None:
         calibrate_rig([one, replace(other, stamps_ns=other.stamps_ns[:2])])
 
 
-def test_a_target_whose_shape_is_known_leaves_only_the_noise() -> None:
-    """A camera that brings the shape is enough: they all look at the same target."""
+def wavy_views(noise: float = 0.1):
+    """What two cameras see of a wavy board whose file knows nothing of it, and its shape."""
     points = SQUARE.object_points
     half = points[:, :2].max(axis=0) / 2
     x, y = ((points[:, :2] - half) / half).T
     deviation = np.zeros_like(points)
     deviation[:, 2] = 0.5e-3 * np.cos(3 * x) * np.cos(2 * y)
-    bent = replace(SQUARE, object_points=points + deviation)
     poses = targets_between(PLACES[0], PLACES[1], SQUARE, 12, seed=4)
-    seen = see(cameras(2), PLACES[:2], bent, poses, noise=0.1)
+    seen = see(cameras(2), PLACES[:2], replace(SQUARE, object_points=points + deviation), poses, noise)
     flat = [replace(one, observations=replace(one.observations, object_points=points)) for one in seen]
-    shape = BoardShape("free", points, deviation)
+    return flat, BoardShape("free", points, deviation)
+
+
+def test_a_target_whose_shape_is_known_leaves_only_the_noise() -> None:
+    """A camera that brings the shape is enough: they all look at the same target."""
+    flat, shape = wavy_views()
     known = [replace(flat[0], observations=flat[0].observations.with_board(shape)), flat[1]]
     assert calibrate_rig(known).rms_px == pytest.approx(0.1414, abs=0.015)
-    assert calibrate_rig(flat).rms_px > 0.2
+    assert calibrate_rig(flat, board_warp=np.full(3, 1e-12)).rms_px > 0.2
+    measured = calibrate_rig([replace(flat[0], board=shape), flat[1]])
+    assert measured.rms_px == pytest.approx(0.1414, abs=0.015)
+    assert measured.board.source == "measured"
+    assert "shape that the calibration measured" in measured.to_dict()["board"]["words"]
+
+
+@pytest.mark.parametrize("another", [False, True], ids=["nothing known", "another board's shape known"])
+def test_a_target_whose_shape_is_not_known_is_estimated(another) -> None:
+    flat, shape = wavy_views()
+    if another:
+        bow = BoardShape("free", shape.object_points, shape.deviation[::-1] * [0, 0, -2])
+        flat = [replace(one, board=bow) for one in flat]
+    rig = calibrate_rig(flat)
+    assert rig.board.source == "estimated" and rig.rms_px == pytest.approx(0.1414, abs=0.015)
+    assert rig.board.board.height_rms_mm == pytest.approx(1e3 * shape.deviation[:, 2].std(), rel=0.2)
+    assert errors(rig.reference_from_camera[1], PLACES[1])[1] < 3 * np.linalg.norm(rig.position_sigma[1])
+    none = np.full(3, 1e-12)
+    assert np.linalg.norm(rig.position_sigma[1]) < np.linalg.norm(
+        calibrate_rig(flat, board_warp=none).position_sigma[1]
+    )
+
+
+def test_a_flat_target_stays_as_its_file_has_it() -> None:
+    poses = targets_between(PLACES[0], PLACES[1], SQUARE, 12, seed=4)
+    rig = calibrate_rig(see(cameras(2), PLACES[:2], SQUARE, poses))
+    assert rig.board.source == "file" and rig.board.board is None

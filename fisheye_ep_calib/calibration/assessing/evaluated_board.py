@@ -42,7 +42,7 @@ _HOW = {
     OTHER_CAMERA: "with a camera fitted here",
 }
 _SUSPICIOUS = 0.5  # % that a board is longer one way; printers do less
-_WORTH = 0.01  # of ln(RMS ratio): a shape that gains less is not worth a word
+_WORTH = 0.02  # of ln(RMS ratio): a shape that gains less is not worth a word
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,15 @@ def evaluated_board(
         best = min(fits, key=lambda source: fits[source].rms_px)
         return EvaluatedBoard(best, boards[best], {})
     return _compared(fits, boards)
+
+
+def held_out_px(camera: FisheyeCamera, observations: Observations, board: BoardShape) -> float:
+    """RMS with a board of this shape, each view's pose refitted; infinite where no view has one."""
+    try:
+        fit, _ = posed_views(camera, observations)
+        return _with_board(without_gross_errors(refine(fit, replace(fit.structure, board_shape=FLAT))), board).rms_px
+    except CalibrationError:
+        return np.inf
 
 
 def _compared(fits: dict[str, Fit], boards: dict[str, BoardShape | None]) -> EvaluatedBoard:
