@@ -23,12 +23,14 @@ ROS = [
 ]
 CLUSTER = ["distributed>=2023.5"]
 VIDEO = ["av>=12"]
+WEB = ["aiohttp>=3.9"]
 COMPLETION = ["argcomplete>=3.0"]
 DOCS = ["sphinx>=7.2", "furo>=2024.1.29", "myst-parser>=3"]
 TEST = [
     *CLUSTER,
     *COMPLETION,
     *VIDEO,
+    *WEB,
     "pytest>=8",
     "pytest-timeout>=2.3",
     "pytest-xdist>=3.5",
@@ -49,7 +51,7 @@ setup(
     maintainer_email="maintainers@users.noreply.h-seed-848c94e0.example",
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "report/templates/*"]},
+    package_data={NAME: ["py.typed", "report/templates/*", "web/static/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

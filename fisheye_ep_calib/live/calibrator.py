@@ -15,12 +15,12 @@ from fisheye_ep_calib.live.camera_views import CameraViews, Verdict
 from fisheye_ep_calib.live.frame import RawFrame, Sighting, detect_in_frame
 from fisheye_ep_calib.live.kept_images import KeptImages
 from fisheye_ep_calib.live.outcome import Outcome
-from fisheye_ep_calib.live.overlay import OverlayRequest
+from fisheye_ep_calib.live.overlay import OverlayRequest, Pictures
 from fisheye_ep_calib.live.rig import LiveRig
 from fisheye_ep_calib.live.rig_outcome import RigOutcome
 from fisheye_ep_calib.live.rig_views import stamp_of
 from fisheye_ep_calib.live.settings import CameraSettings, Settings, Tuning
-from fisheye_ep_calib.live.status import Reception, Status, camera_status, headline, next_step, rig_status
+from fisheye_ep_calib.live.status import Reception, Status, camera_status, headline, rig_status, say
 from fisheye_ep_calib.live.subject import Subject, Workplace
 from fisheye_ep_calib.live.work_pool import Task, WorkPool
 from fisheye_ep_calib.storage.folder_owner import FolderOwner
@@ -35,11 +35,11 @@ class Listener(Protocol):
     def rig_calibrated(self, outcome: RigOutcome | None) -> None:
         """A calibration of the rig comes into force; None: there is none any more."""
 
-    def wants_picture(self, camera: str) -> bool:
-        """Whether anybody looks at the camera's overlay."""
+    def wanted_pictures(self, camera: str) -> frozenset[str]:
+        """Which of the camera's pictures (``Pictures``) anybody looks at."""
 
-    def picture(self, camera: str, header: Any, picture: np.ndarray) -> None:
-        """The overlay (h, w, 3) uint8, blue green red, of the image that had this header."""
+    def pictures(self, camera: str, header: Any, pictures: Pictures) -> None:
+        """Of the image that had this header."""
 
 
 class LiveCalibrator:
@@ -49,6 +49,7 @@ class LiveCalibrator:
         """Raises InputError where an earlier run's views cannot be taken up, CalibrationError where another program
         writes into the same folder.
         """
+        self.folder = settings.output_directory
         self._announcer = announcer
         self._listener = listener
         self._tuning = tuning
@@ -98,7 +99,7 @@ class LiveCalibrator:
         if camera is None:
             return
         wanted = not camera.views.full or (self.rig is not None and self.rig.views.wants(name))
-        if not wanted and not self._listener.wants_picture(name):
+        if not wanted and not self._listener.wanted_pictures(name):
             camera.views.count(received=1)
             return
         header, generation = message.header, camera.views.generation
@@ -112,8 +113,8 @@ class LiveCalibrator:
         def done(sighting: Sighting | None, error: CalibrationError | None) -> None:
             self._images.offer(name, frame)
             self._searched(camera, sighting, error, generation)
-            if sighting is not None and sighting.picture is not None:
-                self._listener.picture(name, header, sighting.picture)
+            if sighting is not None and sighting.pictures is not None:
+                self._listener.pictures(name, header, sighting.pictures)
 
         dropped = self.pool.offer_frame(name, Task(detect_in_frame, arguments, done, stamp_of(frame_name)))
         camera.views.count(received=1, dropped=int(dropped))
@@ -133,6 +134,11 @@ class LiveCalibrator:
     def save(self) -> Answer:
         """Write all views and calibrations again; waits for the disk."""
         return together([subject.save(self._stopping) for subject in self._subjects()])
+
+    def report(self, name: str | None = None) -> Answer:
+        """Write a camera's report, or all cameras', and wait for it."""
+        waiting = [camera.report() for camera in self.cameras.values() if name in (None, camera.name)]
+        return together([promise.wait(self._stopping) for promise in waiting])
 
     def reset(self, name: str | None = None) -> Answer:
         """Forget a camera's views and calibrations, or all cameras'; their observation files are set aside.
@@ -209,15 +215,23 @@ class LiveCalibrator:
             subject.calibrate_if_due()
 
     def _overlay(self, camera: LiveCamera) -> OverlayRequest | None:
-        if not self._listener.wants_picture(camera.name):
+        looked_at = self._listener.wanted_pictures(camera.name)
+        if not looked_at:
             return None
         nothing = np.empty((0, 2))
         wanted = None if camera.views.full else camera.guide.wanted
-        lines = [headline(camera), next_step(camera, self._tuning)]
+        lines = [headline(camera), say(camera, self._tuning)]
         if self.rig is not None:
             lines.append(f"rig: {self.rig.next_step}")
         covered = np.concatenate([nothing, *(view.pixels for view in camera.views.kept)])
-        return OverlayRequest(covered, nothing if wanted is None else wanted.outline, tuple(lines))
+        return OverlayRequest(
+            covered,
+            nothing if wanted is None else wanted.outline,
+            tuple(lines),
+            refused=self._tuning.show_refused,
+            signature=None if wanted is None else wanted.signature,
+            **{which: which in looked_at for which in ("raw", "compressed", "page")},
+        )
 
     def _task_failed(self, text: str) -> None:
         self._announcer.warn_once("pool", f"this should not happen: {text}")

@@ -6,18 +6,22 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.advice import Wanted, first_plan
-from fisheye_ep_calib.live.answer import Answer
+from fisheye_ep_calib.live.answer import Answer, Promise
 from fisheye_ep_calib.live.camera_views import CameraViews, Verdict
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.live.guide import Guide
 from fisheye_ep_calib.live.look import Looks
 from fisheye_ep_calib.live.outcome import Outcome, calibrate_views
+from fisheye_ep_calib.live.report_page import report_page
 from fisheye_ep_calib.live.seeing import Seeing
 from fisheye_ep_calib.live.settings import RELATIVE_GOAL, Tuning
 from fisheye_ep_calib.live.subject import Basis, Subject, Workplace
 from fisheye_ep_calib.live.view_store import view_of
+from fisheye_ep_calib.live.work_pool import Task
 from fisheye_ep_calib.planning.detectability import Board
+from fisheye_ep_calib.storage.atomic import atomic_write
 
 _FRAMES_A_PLAN = 10  # before the first calibration; the more is seen, the better is the plan
 
@@ -87,6 +91,27 @@ class LiveCamera(Subject[Outcome]):
         self.guide.forget()
         self.seeing.forget()
         return forgotten
+
+    def report(self) -> Promise:
+        """Have a report of all views made and written beside the camera file; the promise's answer comes then."""
+        promise = Promise()
+        path = self.camera_file.with_name(f"{self.name}_report.html")
+
+        def done(page: str | None, error: CalibrationError | None) -> None:
+            try:
+                if page is None:
+                    promise.answer = Answer(False, f"{self.name}: {error}")
+                    return
+                atomic_write(path, page.encode())
+                promise.answer = Answer(True, f"{self.name}: report in {path}")
+            except CalibrationError as failure:
+                promise.answer = Answer(False, f"{self.name}: {failure}")
+            finally:
+                promise.ready.set()
+
+        task = Task(report_page, lambda: (self.views.observations(), self._model, self.name), done)
+        self._workplace.pool.queue_job(task)
+        return promise
 
     def searched(self, sighting: Sighting, verdict: Verdict) -> None:
         """A frame was searched: go on to the next pose where this one is reached."""

@@ -12,7 +12,9 @@ from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.calibration.assessing.evaluation import where_to_look_again
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.live.overlay import OverlayRequest, draw_overlay
+from fisheye_ep_calib.live.overlay import OverlayRequest, Pictures, draw_pictures
+from fisheye_ep_calib.planning.steering import steer
+from fisheye_ep_calib.planning.view_selection import view_signature
 from fisheye_ep_calib.storage.grey_levels import to_eight_bits, to_levels
 from fisheye_ep_calib.storage.images import grey_image, grey_of_compressed
 from fisheye_ep_calib.target import Detection, Detector, Target
@@ -60,14 +62,14 @@ class RawFrame:
 class Sighting:
     """What was found in one frame: its name, its size (width, height) and the target's features.
 
-    picture: the overlay (h, w, 3) uint8, blue green red, where one was asked for. light (rows, columns) uint8: the
-    image in a few cells. blur: σ of the edges about the features, pixels; NaN where none were found.
+    pictures: what a person looks at, where that was asked for. light (rows, columns) uint8: the image in a few cells.
+    blur: σ of the edges about the features, pixels; NaN where none were found.
     """
 
     name: str
     image_size: tuple[int, int]
     detection: Detection
-    picture: np.ndarray | None = None
+    pictures: Pictures | None = None
     light: np.ndarray | None = None
     blur: float = float("nan")
 
@@ -88,10 +90,20 @@ def detect_in_frame(
     detection = detector.detect(image)
     if camera is not None and camera.image_size == (width, height):
         detection = second_look(detector, to_levels(grey), detection, target, camera)
-    picture = draw_overlay(image, detection, overlay) if overlay else None
+    pictures = _pictures(image, detection, overlay, target) if overlay else None
     return Sighting(
-        frame.name, (width, height), detection, picture, light_of(image), blur_about(image, detection.pixels)
+        frame.name, (width, height), detection, pictures, light_of(image), blur_about(image, detection.pixels)
     )
+
+
+def _pictures(image: np.ndarray, detection: Detection, request: OverlayRequest, target: Target) -> Pictures:
+    now, steering = None, None
+    if request.signature is not None and len(detection):
+        size = image.shape[1], image.shape[0]
+        now = view_signature(target.object_points[detection.point_index], detection.pixels, size)
+    if request.signature is not None and now is not None:
+        steering = steer(now, request.signature)
+    return draw_pictures(image, detection, request, steering)
 
 
 def light_of(image: np.ndarray) -> np.ndarray:

@@ -74,9 +74,11 @@ class Tuning:
 
     auto_calibrate: calibrate without being asked, from minimum_views on. limits: which views are kept.
     goal_mm: standard deviation of E(60°) at which the user is told that it is enough; 0: RELATIVE_GOAL holds.
+    show_refused: draw what looked like a feature and was none.
     """
 
     auto_calibrate: bool = True
     minimum_views: int = 10
     goal_mm: float = 0.0
     limits: Limits = Limits()
+    show_refused: bool = False

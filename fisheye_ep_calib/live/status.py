@@ -80,6 +80,7 @@ def camera_status(camera: LiveCamera, reception: Reception, warnings: list[str],
         "guidance": outcome.advice.figures if outcome is not None and outcome.advice is not None else None,
         "goal_entrance_pupil_mm": tuning.goal_mm,
         "goal_reached": camera.reached(tuning),
+        "say": say(camera, tuning),
         "wanted": _wanted(camera),
         **_event(camera.looks.since_asked()),
         **_standing(camera.unwritten, outcome, warnings),
@@ -168,6 +169,18 @@ def next_step(camera: LiveCamera, tuning: Tuning) -> str:
     if outcome.advice.lacking:
         return f"{outcome.advice.lacking[0]}. Next: {pose}"
     return pose
+
+
+def say(camera: LiveCamera, tuning: Tuning) -> str:
+    """What to do now in as few words as a person two metres away can read."""
+    outcome, wanted = camera.outcome, camera.guide.wanted
+    if camera.views.full:
+        return "enough views: save" if outcome is not None and outcome.advice is not None else "enough views: calibrate"
+    if camera.reached(tuning):
+        return "done: save, or go on"
+    if wanted is None:
+        return "move and tilt the target" if camera.views.counters.detected else "hold the target before the camera"
+    return wanted.suggestion.short
 
 
 def _besides(findings: Sequence[str]) -> str:

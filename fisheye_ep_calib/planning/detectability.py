@@ -12,7 +12,8 @@ from fisheye_ep_calib.target.expected_features import beyond_evidence
 
 LEAST_FEATURE = 5.5  # pixels across: with less, detectors lose points of a sharp image (benchmarks/guidance.py)
 FEATURE_OVER_BLUR = 4.0  # and with less than so many σ of the blur, points of a blurred one
-_EDGE_SAMPLES = 6  # a side of the board's outline
+_LEAST_SLOPE = 0.6  # of r at the rim, of its mean: fisheyes squeeze the rim no more than that (orthographic apart)
+_EDGE_SAMPLES = 10  # a side of the board's outline
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def light_ends(camera: FisheyeCamera, azimuths: np.ndarray, sight: Sight) -> np.
     end = shown.sum(axis=0) / camera.fx
     theta = np.linspace(0, min(camera.theta_max, camera.theta_limit), 400)
     r = camera.radius(theta)
-    slope = max(float((r[-1] - r[-20]) / (theta[-1] - theta[-20])), 1e-3)
+    slope = max(float((r[-1] - r[-20]) / (theta[-1] - theta[-20])), _LEAST_SLOPE * float(r[-1] / theta[-1]))
     inside = np.interp(end, r, theta)
     result: np.ndarray = np.where(end <= r[-1], inside, np.minimum(theta[-1] + (end - r[-1]) / slope, np.pi))
     return result

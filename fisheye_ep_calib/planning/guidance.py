@@ -28,6 +28,7 @@ _MOST_POINTS = 40  # of the target: enough to tell poses apart
 _DISTANCES = 7  # from the nearest at which the board may be held to the farthest at which its features are seen
 _NEAREST, _FARTHEST = 0.9, 10.0  # in half diagonals of the board
 _FIELD = 0.2  # share of the variances that covering a ring of the field, or doubling the depth at the rim, is worth
+_PLAIN = {"upper": "top", "lower": "bottom"}
 _SAME_ANGLE, _SAME_DISTANCE = np.radians(15.0), 1.3  # within which a pose is one that was tried
 
 
@@ -53,6 +54,14 @@ class Suggestion:
         if self.guessed:
             return f"hold the target {self.where}, as large as the outline, {self.how}"
         return f"hold the target {self.where}, about {100 * self.distance:.0f} cm away, {self.how}"
+
+    @property
+    def short(self) -> str:
+        """The same in as few words as can be read from afar."""
+        sector = SECTOR_NAMES[sector_of(self.azimuth, len(SECTOR_NAMES))]
+        where = "in the middle" if self.theta <= np.radians(10) else f"at the {_PLAIN.get(sector, sector)}"
+        away = "" if self.guessed else f", {100 * self.distance:.0f} cm away"
+        return f"hold the target {where}{away}, {self.how.replace('by about ', '')}"
 
     @property
     def where(self) -> str:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header, String
 
 from fisheye_ep_calib.live.outcome import Outcome
+from fisheye_ep_calib.live.overlay import Pictures
 from fisheye_ep_calib.live.settings import CameraSettings
-from fisheye_ep_calib.ros.messages import camera_info_message, picture_message
+from fisheye_ep_calib.ros.messages import camera_info_message, compressed_message, picture_message
 from fisheye_ep_calib.ros.quality import LATCHED, LATCHED_STREAM
 from fisheye_ep_calib.storage.pictures import Picture
 
@@ -26,6 +26,7 @@ class CalibrationPublisher:
         self._camera = camera
         self._yaml = node.create_publisher(String, f"~/{camera.name}/calibration", LATCHED)
         self._annotated = node.create_publisher(Image, f"~/{camera.name}/annotated", 2)
+        self._compressed = node.create_publisher(CompressedImage, f"~/{camera.name}/annotated/compressed", 2)
         self._info_publisher: Publisher | None = None
         self._told = False
         self._info: CameraInfo | None = None
@@ -33,9 +34,10 @@ class CalibrationPublisher:
         self._lock = threading.Lock()
 
     @property
-    def watched(self) -> bool:
-        """Whether anybody subscribes to the overlay."""
-        return bool(self._annotated.get_subscription_count() > 0)
+    def watched(self) -> frozenset[str]:
+        """Which of the pictures anybody subscribes to."""
+        publishers = {"raw": self._annotated, "compressed": self._compressed}
+        return frozenset(name for name, publisher in publishers.items() if publisher.get_subscription_count() > 0)
 
     def update(self, outcome: Outcome | None) -> None:
         """A new calibration is in force; None: there is none any more."""
@@ -71,9 +73,11 @@ class CalibrationPublisher:
             self._info_publisher = None  # the next image finds another topic
             self._node.destroy_publisher(publisher)
 
-    def publish_picture(self, header: Header, picture: np.ndarray) -> None:
-        """The overlay (h, w, 3) uint8, blue green red."""
-        self._annotated.publish(picture_message(Picture(picture, "bgr8"), header))
+    def publish_pictures(self, header: Header, pictures: Pictures) -> None:
+        if pictures.raw is not None:
+            self._annotated.publish(picture_message(Picture(pictures.raw, "bgr8"), header))
+        if pictures.compressed is not None:
+            self._compressed.publish(compressed_message(pictures.compressed, header))
 
     def _send(self, header: Header) -> None:
         with self._lock:

@@ -6,18 +6,19 @@ import time
 from functools import partial
 from typing import Any
 
-import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
+from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.answer import Answer, together
 from fisheye_ep_calib.live.calibrator import LiveCalibrator
 from fisheye_ep_calib.live.outcome import Outcome
+from fisheye_ep_calib.live.overlay import Pictures
 from fisheye_ep_calib.live.rig_outcome import RigOutcome
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.calibration_publisher import CalibrationPublisher
-from fisheye_ep_calib.ros.calibrator_parameters import declare, tuning
+from fisheye_ep_calib.ros.calibrator_parameters import declare, tuning, web
 from fisheye_ep_calib.ros.driver_commit import PATIENCE, DriverCommit
 from fisheye_ep_calib.ros.image_intake import ImageIntake
 from fisheye_ep_calib.ros.node_announcer import announcer_of
@@ -25,6 +26,9 @@ from fisheye_ep_calib.ros.parameter_table import ParameterTable, node_with_what_
 from fisheye_ep_calib.ros.patient_node import PatientNode
 from fisheye_ep_calib.ros.quality import LATCHED
 from fisheye_ep_calib.ros.status_publisher import StatusPublisher
+from fisheye_ep_calib.web.content import PageContent
+from fisheye_ep_calib.web.server import PageServer
+from fisheye_ep_calib.web.settings import WebSettings
 
 CHECK_PERIOD = 0.5  # seconds between looks at who publishes what
 STATUS_PERIOD = 1.0
@@ -39,6 +43,7 @@ class CalibratorNode:
         self.node = node_with_what_was_given("calibrator")
         self._patient = PatientNode(self.node)
         self._live: LiveCalibrator | None = None
+        self._page: PageServer | None = None
         try:
             self._start()
         except BaseException:
@@ -48,6 +53,8 @@ class CalibratorNode:
     def close(self) -> None:
         """End workers and write what is not written; the node is of no use afterwards."""
         self._patient.stopping.set()
+        if self._page is not None:
+            self._page.stop()
         live, self._live = self._live, None
         if live is not None:
             live.stop()
@@ -79,6 +86,7 @@ class CalibratorNode:
                 self._patient.serve(f"{name}/reset", partial(live.reset, name))
         self._patient.every(RETRY_PERIOD, live.retry_writing)
         self._patient.every(STATUS_PERIOD, lambda: self._publish_status(live))
+        self._page = self._serve_page(live, web(self._parameters))
         self._patient.start()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.node.create_timer(CHECK_PERIOD, self._check_intakes, clock=steady)
@@ -90,11 +98,14 @@ class CalibratorNode:
         if self._rig is not None:
             self._rig.publish(String(data="" if outcome is None else outcome.yaml))
 
-    def wants_picture(self, camera: str) -> bool:
-        return self._publishers[camera].watched
+    def wanted_pictures(self, camera: str) -> frozenset[str]:
+        watched = self._publishers[camera].watched
+        return watched | {"page"} if self._page is not None and self._page.watched(camera) else watched
 
-    def picture(self, camera: str, header: Any, picture: np.ndarray) -> None:
-        self._publishers[camera].publish_picture(header, picture)
+    def pictures(self, camera: str, header: Any, pictures: Pictures) -> None:
+        self._publishers[camera].publish_pictures(header, pictures)
+        if self._page is not None and pictures.page is not None:
+            self._page.show(camera, pictures.page)
 
     def _intake(self, live: LiveCalibrator, camera: CameraSettings) -> ImageIntake:
         publisher = self._publishers[camera.name]
@@ -105,6 +116,17 @@ class CalibratorNode:
             live.offer(camera.name, message, f"{stamp.sec}.{stamp.nanosec:09d}")
 
         return ImageIntake(self.node, camera.image_topic, camera.compressed, receive)
+
+    def _serve_page(self, live: LiveCalibrator, settings: WebSettings | None) -> PageServer | None:
+        logger = self.node.get_logger()
+        if settings is None:
+            return None
+        content = PageContent(live, partial(self._commit, live), self.node.get_name())
+        try:
+            return PageServer(content, settings, logger.info)
+        except CalibrationError as error:
+            logger.warning(f"no page to look at: {error}")
+            return None
 
     def _commit(self, live: LiveCalibrator, only: str | None = None) -> Answer:
         give_up = time.monotonic() + PATIENCE
@@ -122,6 +144,8 @@ class CalibratorNode:
             publisher.check()
 
     def _publish_status(self, live: LiveCalibrator) -> None:
-        self._status.publish(
-            live.status({name: intake.reception() for name, intake in self._intakes.items()}), live.rig_status()
-        )
+        cameras = live.status({name: intake.reception() for name, intake in self._intakes.items()})
+        rig = live.rig_status()
+        self._status.publish(cameras, rig)
+        if self._page is not None:
+            self._page.content.update(cameras, rig)

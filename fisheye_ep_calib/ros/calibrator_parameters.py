@@ -16,6 +16,7 @@ from fisheye_ep_calib.planning.view_selection import Novelty
 from fisheye_ep_calib.ros.parameter_table import Entry, ParameterTable
 from fisheye_ep_calib.storage.rig_file import CAMCHAIN, RIG
 from fisheye_ep_calib.target import Target, load_target
+from fisheye_ep_calib.web.settings import WebSettings
 
 MODELS = (AUTO, *PUPIL_FAMILIES)
 CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -42,6 +43,10 @@ NODE = (
         1e3,
         live=True,
     ),
+    Entry("show_refused", False, "Draw what looked like a feature and was none.", live=True),
+    Entry("web", True, "Serve a page to look at while moving the target, http://localhost:8123."),
+    Entry("web_address", "127.0.0.1", "Where to serve it; beyond this machine it asks for a token, told in the log."),
+    Entry("web_port", 8123, "Its port; the next free one where it is taken, any where it is 0.", 0, 65535),
     Entry("maximum_views", 150, "No more views are kept than these.", 3, 10000, live=True),
     Entry("novelty.position", 0.08, "New: the board moved this fraction of the image.", 0.0, 1.0, live=True),
     Entry("novelty.size", 0.3, "New: its size changed by 2 to this power.", 0.0, 10.0, live=True),
@@ -79,7 +84,18 @@ def tuning(table: ParameterTable) -> Tuning:
     """What may change while the node runs."""
     novelty = Novelty(table["novelty.position"], table["novelty.size"], table["novelty.tilt"])
     limits = Limits(novelty, table["maximum_views"])
-    return Tuning(table["auto_calibrate"], table["minimum_views"], table["goal_mm"], limits)
+    return Tuning(
+        auto_calibrate=table["auto_calibrate"],
+        minimum_views=table["minimum_views"],
+        goal_mm=table["goal_mm"],
+        limits=limits,
+        show_refused=table["show_refused"],
+    )
+
+
+def web(table: ParameterTable) -> WebSettings | None:
+    """Where to serve the page; None where it is not wanted."""
+    return WebSettings(table["web_address"], table["web_port"]) if table["web"] else None
 
 
 def _rig(table: ParameterTable, cameras: tuple[CameraSettings, ...]) -> RigSettings:

@@ -6,7 +6,7 @@ import array
 from dataclasses import asdict
 
 import numpy as np
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo
@@ -26,3 +26,8 @@ def picture_message(picture: Picture, header: Header) -> Image:
     message.step = samples.nbytes // height
     message.data = array.array("B", samples.astype(samples.dtype.newbyteorder("<"), copy=False).tobytes())
     return message
+
+
+def compressed_message(content: bytes, header: Header) -> CompressedImage:
+    """A sensor_msgs/CompressedImage of a JPEG."""
+    return CompressedImage(header=header, format="bgr8; jpeg compressed bgr8", data=array.array("B", content))

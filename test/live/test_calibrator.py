@@ -27,18 +27,18 @@ class Listener:
 
     def __init__(self) -> None:
         self.outcomes: list = []
-        self.pictures: list = []
+        self.seen: list = []
         self.ready = threading.Event()
 
     def calibrated(self, camera, outcome) -> None:
         self.outcomes.append((camera, outcome))
         self.ready.set()
 
-    def wants_picture(self, camera) -> bool:
-        return True
+    def wanted_pictures(self, camera) -> frozenset[str]:
+        return frozenset({"raw", "page"})
 
-    def picture(self, camera, header, picture) -> None:
-        self.pictures.append((camera, header, picture))
+    def pictures(self, camera, header, pictures) -> None:
+        self.seen.append((camera, header, pictures))
 
 
 def settings(folder: Path, *names: str) -> Settings:
@@ -90,7 +90,7 @@ def test_from_images_to_a_calibration_and_on_after_a_restart(tmp_path: Path, ima
             live.offer("front", message(image), str(number))
             wait_for(lambda number=number: len(camera.views.kept) == number + 1)
         assert [view.name for view in camera.views.kept] == [str(number) for number in range(len(images))]
-        assert len(listener.pictures) >= len(images) - 1
+        assert len(listener.seen) >= len(images) - 1
         assert listener.ready.wait(PATIENCE), "calibrates by itself"
         name, outcome = listener.outcomes[0]
         assert name == "front" and outcome.camera.model == "ep_odd"
@@ -175,7 +175,7 @@ def test_a_reset_leaves_no_calibration_and_no_frame_behind(tmp_path: Path, image
         assert answer.success and "5 views set aside" in answer.text
         asked.join(PATIENCE)
         assert not answers[0].success and "reset meanwhile" in answers[0].text
-        wait_for(lambda: len(listener.pictures) >= 6)
+        wait_for(lambda: len(listener.seen) >= 6)
         assert camera.views.kept == () and camera.outcome is None
         assert listener.outcomes == [("front", None)] and not camera.camera_file.exists()
         assert not any("not calibrated" in text for text in said)

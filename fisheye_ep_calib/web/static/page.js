@@ -1,0 +1,309 @@
+"use strict";
+// Shows what /events tells of the chosen camera, and sends what its buttons ask for. Nothing comes from elsewhere.
+
+const at = (id) => document.getElementById(id);
+const SIGNS = {
+  "kept": ["kept", "Kept ✓"],
+  "not new": ["new", "Not new"],
+  "too few points": ["few", "Too few points"],
+  "blurred": ["blurred", "Blurred"],
+  "no target": ["none", "No target"],
+  "enough views": ["new", "Enough views"],
+  "other size": ["other", "Other image size"],
+};
+const KEPT_STAYS = 1500; // milliseconds for which the sign of a kept view is not replaced
+const ADVICE = { "blurred": "hold it still", "not new": "move on", "too few points": "nearer, or less tilted" };
+const RIG = " rig"; // no camera's name
+
+let latest = null;
+let chosen = decodeURIComponent(location.hash.slice(1));
+let streaming = "";
+let shown = ""; // version of what the charts show
+let keptAt = 0;
+let lastLook = -1;
+
+function listen() {
+  const events = new EventSource("events");
+  events.onmessage = (event) => {
+    latest = JSON.parse(event.data);
+    at("link").textContent = latest.node;
+    at("link").className = "";
+    show();
+  };
+  events.onerror = () => {
+    at("link").textContent = "the node does not answer";
+    at("link").className = "lost";
+  };
+}
+
+function show() {
+  const names = Object.keys(latest.cameras);
+  if (chosen !== RIG && !names.includes(chosen)) chosen = names[0] ?? RIG;
+  if (chosen === RIG && !latest.rig) chosen = names[0];
+  showTabs(names);
+  at("camera").hidden = chosen === RIG;
+  at("rig").hidden = chosen !== RIG;
+  if (chosen === RIG) showRig(latest.rig);
+  else if (chosen) showCamera(chosen, latest.cameras[chosen]);
+}
+
+function showTabs(names) {
+  const wanted = latest.rig ? [...names, RIG] : names;
+  const tabs = at("tabs");
+  if (tabs.dataset.names !== wanted.join()) {
+    tabs.dataset.names = wanted.join();
+    tabs.replaceChildren(...wanted.map((name) => {
+      const tab = document.createElement("button");
+      tab.setAttribute("role", "tab");
+      tab.dataset.name = name;
+      tab.append(document.createElement("i"), name === RIG ? "rig" : name);
+      tab.onclick = () => { chosen = name; location.hash = name === RIG ? "" : encodeURIComponent(name); shown = ""; lastLook = -1; show(); };
+      return tab;
+    }));
+  }
+  for (const tab of tabs.children) {
+    const status = tab.dataset.name === RIG ? latest.rig : latest.cameras[tab.dataset.name];
+    tab.setAttribute("aria-selected", String(tab.dataset.name === chosen));
+    tab.firstChild.className = status.level ?? "";
+  }
+}
+
+function showCamera(name, status) {
+  document.title = `${name}: calibrating`;
+  if (streaming !== name) {
+    streaming = name;
+    document.querySelector(".picture").classList.add("empty");
+    at("stream").src = `stream/${encodeURIComponent(name)}`;
+  }
+  const silent = status.level === "STALE";
+  at("say").textContent = sentence(silent ? `no image on ${status.topic}` : status.say ?? "waiting for the first image");
+  at("say").className = silent ? "trouble" : status.goal_reached ? "done" : "";
+  showSign(status.look, silent);
+  at("move").textContent = !silent && status.move ? sentence(status.move) : "";
+  showNumbers(status);
+  showConcerns(status);
+  if (shown !== `${name} ${status.version}`) {
+    shown = `${name} ${status.version}`;
+    refresh(name, status);
+  }
+}
+
+function showSign(look, silent) {
+  const now = performance.now();
+  const sign = at("sign");
+  if (silent || !(look.event in SIGNS)) { sign.textContent = ""; return; }
+  if (look.number === lastLook || (look.event !== "kept" && now - keptAt < KEPT_STAYS)) return;
+  lastLook = look.number;
+  if (look.event === "kept") keptAt = now;
+  const [kind, text] = SIGNS[look.event];
+  const more = document.createElement("small");
+  const points = look.points ? `${look.points} of ${look.of} points` : "";
+  more.textContent = [look.event === "kept" ? `view ${look.view}` : ADVICE[look.event], points].filter(Boolean).join(" · ");
+  sign.className = kind;
+  sign.replaceChildren(text, ...(more.textContent ? [more] : []));
+}
+
+function showNumbers(status) {
+  const made = status.calibration ?? {};
+  const guidance = status.guidance ?? {};
+  at("views").textContent = status.views;
+  at("views-of").textContent = status.unwritten ? "views, unsaved" : "views";
+  at("covered").textContent = guidance.coverage === undefined ? "–" : `${Math.round(100 * guidance.coverage)} %`;
+  const angle = ["60", "30"].find((one) => made.entrance_pupil_mm?.[one]);
+  const band = angle && made.entrance_pupil_mm[angle][1];
+  unit(at("band"), band ? length(band) : ["–"]);
+  at("band-of").textContent = `σ of E(${angle ?? 60}°)`;
+  unit(at("rms"), made.rms_px === undefined ? ["–"] : [made.rms_px.toFixed(made.rms_px < 1 ? 2 : 1), "px"]);
+  const goal = at("goal");
+  const against = guidance.sigma_against_40_guided;
+  const share = status.goal_reached ? 1 : against ? Math.min(0.97, 1.3 / against) : Math.min(0.3, 0.03 * status.views);
+  goal.className = status.goal_reached ? "bar done" : "bar";
+  goal.setAttribute("aria-valuenow", share.toFixed(2));
+  goal.firstChild.style.width = `${100 * share}%`;
+  goal.lastChild.textContent = status.goal_reached ? "the goal is reached" : against ? "towards the goal" : "first views";
+}
+
+function showConcerns(status) {
+  const texts = [...(status.warnings ?? []), ...(status.guidance?.concerns ?? [])];
+  at("concerns-box").hidden = texts.length === 0;
+  if (at("concerns").dataset.texts === texts.join("\n")) return;
+  at("concerns").dataset.texts = texts.join("\n");
+  at("concerns").replaceChildren(...texts.map((text) => item(sentence(text))));
+}
+
+async function refresh(name, status) {
+  try {
+    const progress = await (await fetch(`progress/${encodeURIComponent(name)}`)).json();
+    if (name !== chosen) return;
+    drawField(progress);
+    drawDepth(progress);
+    at("pupil-figure").hidden = !progress.pupil;
+    if (progress.pupil) drawPupil(progress.pupil);
+    await showFiles();
+  } catch { shown = ""; } // the node is gone; once it is back all is fetched again
+}
+
+async function showFiles() {
+  const files = await (await fetch("files")).json();
+  at("files-box").hidden = files.length === 0;
+  at("files").replaceChildren(...files.map((file) => {
+    const link = document.createElement("a");
+    link.href = `files/${encodeURIComponent(file.name)}`;
+    link.textContent = file.name;
+    if (file.report) link.target = "_blank"; else link.download = file.name;
+    const size = document.createElement("span");
+    size.textContent = `${Math.max(1, Math.round(file.bytes / 1024))} kB`;
+    const entry = item("");
+    entry.append(link, size);
+    return entry;
+  }));
+}
+
+// What is covered of the image: lit parts dark blue, covered ones bright.
+function drawField({ cells, image_size: [width, height] }) {
+  const canvas = at("field");
+  const pen = canvas.getContext("2d");
+  pen.clearRect(0, 0, canvas.width, canvas.height);
+  const step = canvas.width / Math.max(cells.length, cells[0].length);
+  const left = (canvas.width - step * cells[0].length) / 2, top = (canvas.height - step * cells.length) / 2;
+  cells.forEach((row, y) => row.forEach((cell, x) => {
+    pen.fillStyle = ["#0b0e13", "#26303d", "#3f9bff"][cell];
+    pen.beginPath();
+    pen.roundRect(left + x * step + 1, top + y * step + 1, step - 2, step - 2, 3);
+    pen.fill();
+  }));
+}
+
+// How large the target was in each view: near at the top.
+function drawDepth({ sizes, wanted_size: wanted }) {
+  const canvas = at("depth");
+  const pen = canvas.getContext("2d");
+  const { width, height } = canvas;
+  pen.clearRect(0, 0, width, height);
+  const all = wanted === null ? sizes : [...sizes, wanted];
+  const low = Math.min(...all, Infinity) - 0.35, high = Math.max(...all, -Infinity) + 0.35;
+  const bins = 7, counts = Array(bins).fill(0);
+  const bin = (size) => Math.min(bins - 1, Math.floor(((high - size) / (high - low)) * bins));
+  for (const size of sizes) counts[bin(size)] += 1;
+  const most = Math.max(3, ...counts), step = height / bins, label = 116;
+  pen.font = "44px system-ui, sans-serif";
+  pen.textBaseline = "middle";
+  counts.forEach((count, row) => {
+    pen.fillStyle = "#26303d";
+    pen.beginPath(); pen.roundRect(label, row * step + 6, width - label, step - 12, 8); pen.fill();
+    if (count) {
+      pen.fillStyle = "#3f9bff";
+      pen.beginPath(); pen.roundRect(label, row * step + 6, (count / most) * (width - label), step - 12, 8); pen.fill();
+    }
+    if (wanted !== null && bin(wanted) === row) {
+      pen.strokeStyle = "#ffc400"; pen.lineWidth = 5;
+      pen.beginPath(); pen.roundRect(label + 3, row * step + 8, width - label - 6, step - 16, 8); pen.stroke();
+    }
+  });
+  pen.fillStyle = "#9aa7b8";
+  pen.fillText("near", 0, step / 2);
+  pen.fillText("far", 0, height - step / 2);
+}
+
+function drawPupil({ theta_deg: theta, E_mm: shift, sigma_mm: sigma }) {
+  const canvas = at("pupil");
+  const pen = canvas.getContext("2d");
+  const { width, height } = canvas;
+  const [left, right, top, bottom] = [120, width - 20, 20, height - 62];
+  const low = Math.min(0, ...shift.map((value, k) => value - 2 * sigma[k]));
+  const high = Math.max(0, ...shift.map((value, k) => value + 2 * sigma[k]));
+  const pad = 0.06 * Math.max(high - low, 1e-4);
+  const x = (angle) => left + (right - left) * angle / theta.at(-1);
+  const y = (value) => bottom - (bottom - top) * (value - low + pad) / (high - low + 2 * pad);
+  pen.clearRect(0, 0, width, height);
+  pen.font = "34px system-ui, sans-serif";
+  pen.lineWidth = 2;
+  pen.strokeStyle = "#2a323e"; pen.fillStyle = "#9aa7b8";
+  pen.textAlign = "center"; pen.textBaseline = "top";
+  for (let angle = 0; angle <= theta.at(-1); angle += 15) {
+    pen.beginPath(); pen.moveTo(x(angle), top); pen.lineTo(x(angle), bottom); pen.stroke();
+    pen.fillText(`${angle}°`, Math.min(x(angle), right - 22), bottom + 16);
+  }
+  pen.textAlign = "right"; pen.textBaseline = "middle";
+  const step = nice((high - low + 2 * pad) / 3);
+  for (let value = Math.ceil((low - pad) / step) * step; value <= high + pad; value += step) {
+    pen.beginPath(); pen.moveTo(left, y(value)); pen.lineTo(right, y(value)); pen.stroke();
+    pen.fillText(Number(value.toPrecision(4)) === 0 ? "0" : Number(value.toPrecision(3)).toString(), left - 10, y(value));
+  }
+  pen.fillStyle = "rgb(63 155 255 / 38%)";
+  pen.beginPath();
+  theta.forEach((angle, k) => pen.lineTo(x(angle), y(shift[k] + 2 * sigma[k])));
+  for (let k = theta.length - 1; k >= 0; k -= 1) pen.lineTo(x(theta[k]), y(shift[k] - 2 * sigma[k]));
+  pen.fill();
+  pen.strokeStyle = "#8fc4ff"; pen.lineWidth = 4; pen.lineJoin = "round";
+  pen.beginPath();
+  theta.forEach((angle, k) => pen.lineTo(x(angle), y(shift[k])));
+  pen.stroke();
+}
+
+function showRig(rig) {
+  document.title = "rig: calibrating";
+  if (streaming) { streaming = ""; at("stream").removeAttribute("src"); }
+  at("rig-say").textContent = sentence(rig.next);
+  at("rig-message").textContent = sentence(rig.message);
+  at("rig-pairs").replaceChildren(...rig.common_views.map((pair) => row(pair.cameras.join(" – "), `${pair.views}`)));
+  const placed = Object.entries(rig.calibration?.cameras ?? {});
+  at("rig-cameras-title").hidden = placed.length === 0;
+  at("rig-cameras").replaceChildren(...placed.map(([name, one]) => row(name, one.position_m.map((value) => `${(1e3 * value).toFixed(2)} mm`).join(", "))));
+}
+
+async function act(button) {
+  const { action } = button.dataset;
+  const answer = chosen === RIG ? at("rig-answer") : at("answer");
+  const ofOne = ["reset", "commit", "report"].includes(action) && chosen !== RIG;
+  if (action === "reset" && !(await ask(`All ${latest.cameras[chosen].views} views and the calibration of ${chosen} are set aside: the files are renamed, not deleted.`))) return;
+  button.disabled = true;
+  answer.className = "";
+  answer.textContent = `${button.textContent.replace(" …", "")}: under way …`;
+  try {
+    const query = ofOne ? `?camera=${encodeURIComponent(chosen)}` : "";
+    const response = await fetch(`do/${action}${query}`, { method: "POST" });
+    const told = response.ok ? await response.json() : { success: false, text: await response.text() };
+    answer.textContent = sentence(told.text);
+    answer.className = told.success ? "" : "failed";
+    await showFiles();
+  } catch {
+    answer.textContent = "The node does not answer.";
+    answer.className = "failed";
+  } finally { button.disabled = false; }
+}
+
+function ask(text) {
+  const dialog = at("ask");
+  at("ask-text").textContent = text;
+  dialog.returnValue = "no";
+  dialog.showModal();
+  return new Promise((resolve) => { dialog.onclose = () => resolve(dialog.returnValue === "yes"); });
+}
+
+const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+const length = (mm) => mm < 0.1 ? [(1e3 * mm).toPrecision(2), "µm"] : [mm.toPrecision(2), "mm"];
+const nice = (step) => { const ten = 10 ** Math.floor(Math.log10(step)); return [1, 2, 5, 10].find((one) => one * ten >= step) * ten; };
+
+function unit(place, [value, of]) {
+  const small = document.createElement("small");
+  small.textContent = of ? ` ${of}` : "";
+  place.replaceChildren(value, small);
+}
+
+function item(text) {
+  const entry = document.createElement("li");
+  entry.textContent = text;
+  return entry;
+}
+
+function row(...texts) {
+  const entry = document.createElement("tr");
+  entry.append(...texts.map((text) => Object.assign(document.createElement("td"), { textContent: text })));
+  return entry;
+}
+
+at("stream").onload = () => document.querySelector(".picture").classList.remove("empty");
+at("stream").onerror = () => { streaming = ""; };
+for (const button of document.querySelectorAll("[data-action]")) button.onclick = () => act(button);
+window.addEventListener("load", listen);
