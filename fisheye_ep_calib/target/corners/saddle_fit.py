@@ -35,6 +35,8 @@ SOFT = 0.3  # of the margin, over which the weight falls
 MOST_RESIDUAL = 0.35  # of the contrast
 MOST_SLOPE = 0.5  # of the light, from the zone's middle to its side
 LEAST_CONTRAST = 4.0  # grey values, half of white minus black
+RESTS = 1e-3  # pixels: a corner whose last step was shorter is found
+SQRT_2, SQRT_2_BY_PI = np.float32(np.sqrt(2)), np.float32(np.sqrt(2 / np.pi))
 
 
 @dataclass(frozen=True)
@@ -110,53 +112,149 @@ def _fit(
     end: np.ndarray,
     half: int,
 ) -> SaddleFit:
-    """Corners with a window of the same size: ±half pixels along the edges' normals."""
-    s, t = _samples(reach, half)
-    x, y = s * reach[:, :1], t * reach[:, 1:]
-    bent = 0.5 * np.einsum("kij,kjn->kin", bend, np.stack([s * s, 2 * s * t, t * t], axis=1))
-    plane = np.stack([s, t], axis=1)
-    offset = np.einsum("kij,kjn->kin", axes, plane) + bent
-    normals = _between_normals(axes)
-    center, sigma = pixels.copy(), np.full(len(pixels), FIRST_BLUR)
-    tilt = np.zeros((len(pixels), 2))
-    step, before, pace = np.full(len(pixels), np.inf), np.zeros((len(pixels), 2)), np.ones(len(pixels))
-    contrast, residual = np.full(len(pixels), 50.0), np.full(len(pixels), 5.0)
-    ratio, slope = np.zeros(len(pixels)), np.zeros((len(pixels), 2))  # κ, and α, β
+    """Corners with a window of the same size: ±half pixels along the edges' normals. Each rests once it is found."""
+    zone = _Zone.of(axes, bend, reach, depth, end, half)
+    state = _State.first(pixels)
     for _ in range(ROUNDS):
-        weight = _weights(s, t, reach, depth, end, sigma)
-        places = (center[:, :, None] + offset).astype(np.float32)
-        values = cv2.remap(image, places[:, 0], places[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        skewed_x, skewed_y = x + tilt[:, :1] * y, y + tilt[:, 1:] * x
-        picture, moved = _picture(skewed_x, skewed_y, x, y, sigma)
-        spread = sigma[:, None, None] ** 2 / reach[..., None] * -np.einsum("kij,jkn->kin", normals, moved[:2])
-        lit = plane + ratio[:, None, None] * (plane * picture[:, None] + spread)
-        light = 1 + np.einsum("ki,kin->kn", slope, plane)
-        design = np.stack([np.ones_like(s), *np.moveaxis(lit, 1, 0), picture, *(light * moved)], axis=-1)
-        values = values.astype(float)
-        weighted = design * weight[..., None]
-        normal = np.swapaxes(weighted, 1, 2) @ design
-        right = np.einsum("kni,kn->ki", weighted, values)
-        strength, drawn = _prior(contrast, residual, tilt, sigma)
-        normal[:, range(9), range(9)] += strength
-        solved = np.linalg.solve(normal, (right + strength * drawn)[..., None])[..., 0]
-        rest = values - np.einsum("kni,ki->kn", design, solved)
-        residual = np.sqrt((weight * rest**2).sum(axis=1) / weight.sum(axis=1))
-        contrast = solved[:, 3]
-        # No print is blacker than black.
-        level = np.maximum(solved[:, 0], np.abs(contrast) + 1e-3)
-        ratio, slope = contrast / level, np.clip(solved[:, 1:3] / level[:, None], -MOST_SLOPE, MOST_SLOPE)
-        safe = np.where(np.abs(contrast) > 1e-3, contrast, 1e-3)
-        change = solved[:, 4:] / safe[:, None]
-        move = np.clip(change[:, :2], -1.0, 1.0) / reach
-        shift = np.einsum("kij,kj->ki", axes, move)
-        # Edges that the camera sharpened are steeper than any blur makes them: full steps go to and fro.
-        pace = np.where((shift * before).sum(axis=1) < 0, SLOWER * pace, pace)
-        shift = before = pace[:, None] * shift
-        center = center + shift
-        step = np.hypot(*shift.T)
-        tilt = np.clip(tilt + np.clip(pace[:, None] * change[:, 2:4], -0.1, 0.1), -0.3, 0.3)
-        sigma = np.clip(sigma + np.clip(change[:, 4], -0.4, 0.4), 0.4, 0.5 * half + 0.5)
-    return SaddleFit(center, contrast, residual, (step < 0.05) & (np.hypot(*(center - pixels).T) < 0.5 * half + 1))
+        live = np.flatnonzero(state.step > RESTS)
+        if len(live) == 0:
+            break
+        if len(live) < len(state.step):
+            part = _improved(image, zone[live], state[live], half, float(np.median(state.sigma)))
+            state.put(live, part)
+        else:
+            state = _improved(image, zone, state, half, float(np.median(state.sigma)))
+    moved = np.hypot(*(state.center - pixels).T)
+    return SaddleFit(state.center, state.contrast, state.residual, (state.step < 0.05) & (moved < 0.5 * half + 1))
+
+
+@dataclass(frozen=True)
+class _Zone:
+    """What the fit of k corners does not change, n samples each.
+
+    x, y (k, n): pixels from the edges s = 0 and t = 0. plane (k, 2, n): s and t. offset (k, 2, n): pixels from the
+    corner. away (k, 4, n): pixels from what the picture lacks, |s| = end and |t| = end, then a marker's two sides;
+    room (k, 4, n): how many there are. axes (k, 2, 2), reach (k, 2), cosine (k,): between the edges' normals.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    plane: np.ndarray
+    offset: np.ndarray
+    away: np.ndarray
+    room: np.ndarray
+    axes: np.ndarray
+    reach: np.ndarray
+    cosine: np.ndarray
+
+    def __getitem__(self, chosen: np.ndarray) -> _Zone:
+        return _Zone(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+
+    @staticmethod
+    def of(
+        axes: np.ndarray, bend: np.ndarray, reach: np.ndarray, depth: np.ndarray, end: np.ndarray, half: int
+    ) -> _Zone:
+        """As ``_fit`` takes them."""
+        s, t = _samples(reach, half)
+        x, y = s * reach[:, :1], t * reach[:, 1:]
+        plane = np.stack([s, t], axis=1)
+        offset = axes @ plane + 0.5 * bend @ np.stack([s * s, 2 * s * t, t * t], axis=1)
+        away, room = _room(x, y, reach, depth, end)
+        lengths = np.linalg.norm(axes, axis=1)
+        cosine = -(axes[:, :, 0] * axes[:, :, 1]).sum(axis=1) / np.maximum(lengths[:, 0] * lengths[:, 1], 1e-9)
+        x, y, plane, offset, away, room = (part.astype(np.float32) for part in (x, y, plane, offset, away, room))
+        return _Zone(x, y, plane, offset, away, room, axes, reach, cosine)
+
+
+@dataclass
+class _State:
+    """Where the fit of k corners stands. center (k, 2), sigma (k,): pixels. tilt (k, 2): of both edges. step (k,),
+    before (k, 2), pace (k,): of the last step, pixels. contrast, residual (k,): grey values. ratio (k,), slope (k, 2):
+    κ, and α and β.
+    """
+
+    center: np.ndarray
+    sigma: np.ndarray
+    tilt: np.ndarray
+    step: np.ndarray
+    before: np.ndarray
+    pace: np.ndarray
+    contrast: np.ndarray
+    residual: np.ndarray
+    ratio: np.ndarray
+    slope: np.ndarray
+
+    def __getitem__(self, chosen: np.ndarray) -> _State:
+        return _State(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+
+    def put(self, chosen: np.ndarray, part: _State) -> None:
+        """Replace the corners ``chosen``."""
+        for name in self.__dataclass_fields__:
+            getattr(self, name)[chosen] = getattr(part, name)
+
+    @staticmethod
+    def first(pixels: np.ndarray) -> _State:
+        count = len(pixels)
+        sigma, step, pace, contrast, residual, ratio = (
+            np.full(count, value) for value in (FIRST_BLUR, np.inf, 1.0, 50.0, 5.0, 0.0)
+        )
+        tilt, before, slope = np.zeros((3, count, 2))
+        return _State(pixels.copy(), sigma, tilt, step, before, pace, contrast, residual, ratio, slope)
+
+
+def _improved(image: np.ndarray, zone: _Zone, state: _State, half: int, usual_sigma: float) -> _State:
+    """One step of Gauss–Newton. usual_sigma: pixels, of all corners."""
+    sigma, ratio = state.sigma, state.ratio.astype(np.float32)[:, None, None]
+    weight = _weights(zone, sigma)
+    places = state.center.astype(np.float32)[:, :, None] + zone.offset
+    values = cv2.remap(image, places[:, 0], places[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    values = values.astype(np.float32)
+    tilt = state.tilt.astype(np.float32)
+    picture, moved = _picture(
+        zone.x + tilt[:, :1] * zone.y, zone.y + tilt[:, 1:] * zone.x, zone.x, zone.y, sigma.astype(np.float32)
+    )
+    # σ² ∇s·∇P and σ² ∇t·∇P, of the unit normals over the reach
+    across = np.stack([moved[:, 0], moved[:, 1]], axis=1)
+    across += zone.cosine.astype(np.float32)[:, None, None] * across[:, ::-1]
+    spread = -(sigma[:, None] ** 2 / zone.reach).astype(np.float32)[..., None] * across
+    lit = zone.plane + ratio * (zone.plane * picture[:, None] + spread)
+    light = 1 + (state.slope.astype(np.float32)[:, None] @ zone.plane)
+    design = np.concatenate([np.ones_like(lit[:, :1]), lit, picture[:, None], light * moved], axis=1)
+    weighted = design * weight[:, None]
+    normal = (weighted @ np.swapaxes(design, 1, 2)).astype(float)
+    right = (weighted @ values[..., None])[..., 0].astype(float)
+    strength, drawn = _prior(state.contrast, state.residual, state.tilt, sigma, usual_sigma)
+    normal[:, range(9), range(9)] += strength
+    solved = np.linalg.solve(normal, (right + strength * drawn)[..., None])[..., 0]
+    rest = values - (solved.astype(np.float32)[:, None] @ design)[:, 0]
+    residual = np.sqrt((weight * rest**2).sum(axis=1) / weight.sum(axis=1)).astype(float)
+    return _moved(zone, state, solved, residual, half)
+
+
+def _moved(zone: _Zone, state: _State, solved: np.ndarray, residual: np.ndarray, half: int) -> _State:
+    """The state after a step by what was solved for (k, 9), bounded."""
+    contrast = solved[:, 3]
+    # No print is blacker than black.
+    level = np.maximum(solved[:, 0], np.abs(contrast) + 1e-3)
+    safe = np.where(np.abs(contrast) > 1e-3, contrast, 1e-3)
+    change = solved[:, 4:] / safe[:, None]
+    move = np.clip(change[:, :2], -1.0, 1.0) / zone.reach
+    shift = (zone.axes @ move[..., None])[..., 0]
+    # Edges that the camera sharpened are steeper than any blur makes them: full steps go to and fro.
+    pace = np.where((shift * state.before).sum(axis=1) < 0, SLOWER * state.pace, state.pace)
+    shift = pace[:, None] * shift
+    return _State(
+        state.center + shift,
+        np.clip(state.sigma + np.clip(change[:, 4], -0.4, 0.4), 0.4, 0.5 * half + 0.5),
+        np.clip(state.tilt + np.clip(pace[:, None] * change[:, 2:4], -0.1, 0.1), -0.3, 0.3),
+        np.hypot(*shift.T),
+        shift,
+        pace,
+        contrast,
+        residual,
+        contrast / level,
+        np.clip(solved[:, 1:3] / level[:, None], -MOST_SLOPE, MOST_SLOPE),
+    )
 
 
 def _samples(reach: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
@@ -170,44 +268,44 @@ def _samples(reach: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def _between_normals(axes: np.ndarray) -> np.ndarray:
-    """Scalar products (k, 2, 2) of the unit normals of the edges s = 0 and t = 0: ∇s, ∇t times the reach."""
-    lengths = np.linalg.norm(axes, axis=1)
-    cosine = -(axes[:, :, 0] * axes[:, :, 1]).sum(axis=1) / np.maximum(lengths[:, 0] * lengths[:, 1], 1e-9)
-    result: np.ndarray = np.eye(2) + cosine[:, None, None] * np.array([[0.0, 1.0], [1.0, 0.0]])
-    return result
+def _room(
+    x: np.ndarray, y: np.ndarray, reach: np.ndarray, depth: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far (k, 4, n), pixels, samples are from what the picture lacks, and how far that is from the edges (k, 4, n).
+
+    The corner's own edges end at the lines |s| = end and |t| = end. A marker fills a s > d, b t > d of the quadrant
+    (a, b), d its depth; of the two of like signs, and of the other two, only the one that a sample lies in is near.
+    """
+    across, along = np.abs(x), np.abs(y)
+    own = np.where(x * y > 0, depth[:, :1], depth[:, 1:])
+    lacks = np.where(own < 1, own, np.inf)
+    with np.errstate(invalid="ignore"):
+        room = np.stack(
+            [
+                np.broadcast_to(end[:, None] * reach[:, :1], x.shape),
+                np.broadcast_to(end[:, None] * reach[:, 1:], x.shape),
+                np.minimum(lacks * reach[:, :1], 1e6),
+                np.minimum(lacks * reach[:, 1:], 1e6),
+            ],
+            axis=1,
+        )
+    return room - np.stack([across, along, across, along], axis=1), room
 
 
-def _weights(
-    s: np.ndarray, t: np.ndarray, reach: np.ndarray, depth: np.ndarray, end: np.ndarray, sigma: np.ndarray
-) -> np.ndarray:
+def _weights(zone: _Zone, sigma: np.ndarray) -> np.ndarray:
     """Weights (k, n), 0 to 1, of the samples: those that a blurred edge may reach which the picture lacks are left out.
 
-    A marker fills a s > d, b t > d of the quadrant (a, b), d its depth; a sample is outside by the larger of the two
-    distances. The corner's own edges end at the lines |s| = end and |t| = end.
+    A sample is outside of a marker by the larger of the two distances from its sides.
     """
-    margin = MARGIN * sigma[:, None]
-
-    def away(limit: np.ndarray, where: np.ndarray, axis: int) -> np.ndarray:
-        """Distance (k, n) from the line at limit (k, 1), in margins."""
-        room = limit * reach[:, axis : axis + 1]
-        result: np.ndarray = (room - where * reach[:, axis : axis + 1]) / np.minimum(
-            margin + PLAY * room, MOST_MARGIN * room
-        )
-        return result
-
-    clear = np.minimum(away(end[:, None], np.abs(s), 0), away(end[:, None], np.abs(t), 1))
-    for column, signs in enumerate((((1, 1), (-1, -1)), ((1, -1), (-1, 1)))):
-        marked = depth[:, column] < 1
-        for a, b in signs if marked.any() else ():
-            beside = np.maximum(away(depth[:, column, None], a * s, 0), away(depth[:, column, None], b * t, 1))
-            clear = np.where(marked[:, None], np.minimum(clear, beside), clear)
+    margin = (MARGIN * sigma).astype(np.float32)[:, None, None]
+    away = zone.away / np.minimum(margin + PLAY * zone.room, MOST_MARGIN * zone.room)
+    clear = np.minimum(np.minimum(away[:, 0], away[:, 1]), np.maximum(away[:, 2], away[:, 3]))
     result: np.ndarray = np.clip((clear - 1 + SOFT) / SOFT, 0.0, 1.0)
     return result
 
 
 def _prior(
-    contrast: np.ndarray, residual: np.ndarray, tilt: np.ndarray, sigma: np.ndarray
+    contrast: np.ndarray, residual: np.ndarray, tilt: np.ndarray, sigma: np.ndarray, usual_sigma: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """What is expected of the nine unknowns, in units of the normal equations: strengths and values, each (k,
     9).
@@ -224,7 +322,7 @@ def _prior(
             strength[:, column] = variance / (allowed * scale) ** 2
     drawn = np.zeros_like(strength)
     drawn[:, 6:8] = -tilt * contrast[:, None]
-    drawn[:, 8] = (np.median(sigma) - sigma) * contrast
+    drawn[:, 8] = (usual_sigma - sigma) * contrast
     return strength, drawn
 
 
@@ -233,16 +331,16 @@ def _picture(
 ) -> tuple[np.ndarray, np.ndarray]:
     """P (k, n) at samples x, y (k, n), with tilted edges skewed_x, skewed_y (k, n) pixels away.
 
-    Also its derivatives (5, k, n) by the corner's place along x and y, the tilts of both edges, and σ.
+    Also its derivatives (k, 5, n) by the corner's place along x and y, the tilts of both edges, and σ.
     """
     across, d_across = _edge(skewed_x, sigma)
     along, d_along = _edge(skewed_y, sigma)
     by_x, by_y = d_across * along, across * d_along
     by_sigma = -(by_x * skewed_x + by_y * skewed_y) / sigma[:, None]
-    return across * along, np.stack([-by_x, -by_y, by_x * y, by_y * x, by_sigma])
+    return across * along, np.stack([-by_x, -by_y, by_x * y, by_y * x, by_sigma], axis=1)
 
 
 def _edge(distance: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """F (k, n) at distances (k, n) from an edge blurred by sigma (k,), and dF/d distance."""
-    scaled = distance / (np.sqrt(2) * sigma[:, None])
-    return erf(scaled), np.sqrt(2 / np.pi) / sigma[:, None] * np.exp(-(scaled**2))
+    scaled = distance / (SQRT_2 * sigma[:, None])
+    return erf(scaled), SQRT_2_BY_PI / sigma[:, None] * np.exp(-(scaled**2))

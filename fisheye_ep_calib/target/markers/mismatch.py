@@ -21,7 +21,7 @@ def why_no_board(image: np.ndarray, markers: Markers, numbers: np.ndarray, book:
         return _other_numbers(other, numbers)
     if len(own) >= FEWEST:
         return f"{len(own)} markers are seen, but they do not lie as the target file says: check columns and rows"
-    return _unknown_markers(image, book, touching) or BOARD_NOT_FOUND
+    return _unknown_markers(image, markers.candidates, book, touching) or BOARD_NOT_FOUND
 
 
 def _other_numbers(other: np.ndarray, numbers: np.ndarray) -> str:
@@ -30,9 +30,17 @@ def _other_numbers(other: np.ndarray, numbers: np.ndarray) -> str:
     return f"markers {low} to {high} are seen, and the target file has {numbers[0]} to {numbers[-1]}: check {key}"
 
 
-def _unknown_markers(image: np.ndarray, book: Codebook, touching: bool) -> str:
-    """What squares with a black border are, of which the dictionary knows none; empty where that cannot be told."""
-    quads = candidate_quads(image, book, touching)
+def _unknown_markers(image: np.ndarray, quads: np.ndarray, book: Codebook, touching: bool) -> str:
+    """What squares with a black border, quads (q, 4, 2), are, of which the dictionary knows none; empty where that
+    cannot be told. touching: they were parted from others at their corners; then as they are is tried too.
+    """
+    said = _other_markers(image, quads, book)
+    if said or not touching or len(quads) < FEWEST:
+        return said
+    return _other_markers(image, candidate_quads(image, book, touching=False), book)
+
+
+def _other_markers(image: np.ndarray, quads: np.ndarray, book: Codebook) -> str:
     cells, framed = read_cells(image, quads, book.codes.shape[1], book.border)
     number, _, _ = book.match(cells[framed], mirrored=True)
     if len(np.unique(number[number >= 0])) >= FEWEST:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.arrays import BoolArray
 from fisheye_ep_calib.target.markers.codebook import Codebook, read_cells
 from fisheye_ep_calib.target.markers.quads import find_quads
 
@@ -16,7 +17,9 @@ SMALLEST_CELL = 1.2  # pixels that a marker's cell needs to be read
 ENOUGH = 6  # markers that end the search: the rest of the board is found from them
 LARGEST_DOUBLED = 1100  # pixels; a larger image is not doubled to be sharpened
 SHARPENING = ((1.5, 1.5), (3.0, 3.0))  # σ, pixels, and amount of the unsharp masks
-WORTH_SHARPENING = 10  # squares with a black border that could not be read; or a marker that was
+WORTH_SHARPENING = 10  # squares that look like markers and could not be read; or a marker that was
+WORTH_LOOKING_CLOSER = 3  # the same, in the negative
+PLAIN = 0.15  # share of the cells that differ from the others: fewer are no marker
 SAME_MARKER = 0.3  # of its size: two sightings nearer than this are one
 
 
@@ -25,18 +28,20 @@ class Markers:
     """m markers. number (m,): the dictionary's. corners (m, 4, 2): pixels, clockwise from the marker's own top left.
 
     negative: black and white are exchanged. rejected (r, 2): centres of quadrilaterals that are no known marker.
+    candidates (q, 4, 2): the quadrilaterals of a first look, not in the negative.
     """
 
     number: np.ndarray
     corners: np.ndarray
     negative: bool
     rejected: np.ndarray
+    candidates: np.ndarray
 
     def __len__(self) -> int:
         return len(self.number)
 
     def __getitem__(self, chosen: np.ndarray) -> Markers:
-        return Markers(self.number[chosen], self.corners[chosen], self.negative, self.rejected)
+        return Markers(self.number[chosen], self.corners[chosen], self.negative, self.rejected, self.candidates)
 
 
 @dataclass(frozen=True)
@@ -57,38 +62,52 @@ def find_markers(image: np.ndarray, book: Codebook, numbers: np.ndarray, touchin
     if np.isin(markers.number, numbers).sum() >= min(2, enough):
         return markers
     light = _search(cv2.bitwise_not(image), book, numbers, touching, enough, negative=True)
-    return light if len(light) > len(markers) else markers
+    return replace(light, candidates=markers.candidates) if len(light) > len(markers) else markers
 
 
 def _search(
     image: np.ndarray, book: Codebook, numbers: np.ndarray, touching: bool, enough: int, negative: bool
 ) -> Markers:
     number, corners, rejected = np.empty(0, dtype=int), np.empty((0, 4, 2)), np.empty((0, 2))
+    candidates: np.ndarray | None = None
     unread = 0
     for look in _looks(image):
         if look.steep is not None and len(number) == 0 and unread < WORTH_SHARPENING:
             break
         seen_as, quads = _quads(image, look, book, touching)
+        candidates = quads if candidates is None else candidates
         cells, framed = _cells(image, seen_as, quads, look, book)
         numbers_read, turn, _ = book.match(cells[framed])
         readable = numbers_read >= 0
         middles = quads.mean(axis=1)
-        unread = max(unread, int((~readable).sum()))
+        like_markers = _like_markers(quads[framed][~readable], cells[framed][~readable], book)
+        unread = max(unread, int(like_markers.sum()))
         rejected = np.concatenate([rejected, middles[~framed], middles[framed][~readable]])
         number = np.concatenate([number, numbers_read[readable]])
         corners = np.concatenate([corners, _from_own_corner(quads[framed][readable], turn[readable])])
         number, corners = _each_once(number, corners)
         if len(np.intersect1d(number, numbers)) >= enough:
             break
-        if negative and unread == 0 and len(number) == 0:
+        if negative and unread < WORTH_LOOKING_CLOSER and len(number) == 0:
             break
-    return Markers(number, corners, negative, rejected)
+    assert candidates is not None  # there is a look at least
+    return Markers(number, corners, negative, rejected, candidates)
+
+
+def _like_markers(quads: np.ndarray, cells: np.ndarray, book: Codebook) -> np.ndarray:
+    """Whether quadrilaterals (q, 4, 2) with a black border may be markers that a closer look would read (q,): large
+    enough, and of cells (q, k, k) neither all black nor all white.
+    """
+    one, other = quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1]
+    side = np.sqrt(np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) / 2)
+    white = cells.mean(axis=(1, 2))
+    result: BoolArray = (side >= SMALLEST_CELL * book.side) & (white > PLAIN) & (white < 1 - PLAIN)
+    return result
 
 
 def candidate_quads(image: np.ndarray, book: Codebook, touching: bool) -> np.ndarray:
     """What may be markers of any dictionary, quadrilaterals (q, 4, 2), at a first look."""
-    look = next(_looks(image))
-    return np.concatenate([_quads(image, look, book, parted)[1] for parted in {touching, False}])
+    return _quads(image, next(_looks(image)), book, touching)[1]
 
 
 def _looks(image: np.ndarray) -> Iterator[Look]:
