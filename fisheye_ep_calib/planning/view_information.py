@@ -30,7 +30,7 @@ def view_information(camera: FisheyeCamera, points: np.ndarray, poses: np.ndarra
     pixels, valid, d_point, d_camera = camera.project_with_jacobian(turned + poses[:, None, :3, 3])
     inside = valid & ((pixels > 0) & (pixels < np.array(camera.image_size) - 1)).all(axis=-1)
     d_pose = d_point @ motion_jacobian(turned)
-    shape = (len(poses), -1)
+    shape = (len(poses), 2 * len(points))  # −1 would be open where there are no poses
     a = np.where(inside[..., None, None], d_camera, 0).reshape(*shape, d_camera.shape[-1])
     b = np.where(inside[..., None, None], d_pose, 0).reshape(*shape, 6)
     b_b = np.swapaxes(b, -1, -2) @ b

@@ -7,12 +7,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from known_scenes import CAMERA, seen_board
+from known_scenes import BOARD, CAMERA, seen_board
 
 import fisheye_ep_calib
 from fisheye_ep_calib.calibration.content import FACTS, FIGURES
 from fisheye_ep_calib.commands.fleet_table import device_rows
 from fisheye_ep_calib.live.outcome import TOLD, calibrate_views, outcome_of_file
+from fisheye_ep_calib.planning.detectability import Board
 from fisheye_ep_calib.storage.json_text import plain
 from fisheye_ep_calib.storage.observation_file import load_observations, save_observations
 
@@ -61,7 +62,7 @@ def test_every_door_tells_the_same(camera, command, tmp_path) -> None:
     holds({FLEET_NAMES.get(name, name): value for name, value in row.items()}, content, {"rms_px", "noise_px", "model"})
     assert row["fx"] == shown["fx"] and row["fx_sigma"] == shown["sigma"]["fx"]
 
-    outcome = calibrate_views(observations, "auto", "front", "here")
+    outcome = calibrate_views(observations, "auto", "front", "here", Board.of(BOARD))
     holds(plain(outcome.figures), content, set(TOLD))
     of_file = outcome_of_file(tmp_path / content["yaml"])
     holds(plain(of_file.figures), content, facts & set(TOLD))

@@ -121,6 +121,11 @@ def test_a_pose_that_was_tried_in_vain_is_not_asked_for_again():
         tried.append(now)
 
 
+def test_a_board_too_fine_to_be_seen_anywhere_gets_no_suggestion():
+    fit = fitted(random_poses(TARGET, 5, 1, theta_deg=(0, 40)), 1, "ep_even")
+    assert suggested(fit, 3, replace(EVERYWHERE, blur=1e3)) == []
+
+
 def test_guided_views_know_the_pupil_with_half_as_many():
     assert views_needed(1) <= 12
 
