@@ -16,6 +16,8 @@ from fisheye_ep_calib.formats.opencv import OPENCV
 from fisheye_ep_calib.formats.openvins import OPENVINS
 from fisheye_ep_calib.formats.orbslam3 import ORBSLAM3
 from fisheye_ep_calib.formats.placed_camera import PlacedCamera
+from fisheye_ep_calib.formats.static_transform import STATIC_TRANSFORM
+from fisheye_ep_calib.formats.urdf import URDF
 from fisheye_ep_calib.formats.vins import VINS
 
 FORMATS: dict[str, Format] = {
@@ -31,6 +33,8 @@ FORMATS: dict[str, Format] = {
         NERFSTUDIO,
         OPENCV,
         MRCAL,
+        STATIC_TRANSFORM,
+        URDF,
     )
 }
 

@@ -7,16 +7,44 @@ image is to be, not what the camera is. (sensor_msgs/CameraInfo; image_geometry.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import yaml
 
+from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, camera_info_content, plain_camera_info
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.formats.foreign_camera import ForeignCamera, fisheye_camera, pinhole_camera
-from fisheye_ep_calib.formats.format import Format
+from fisheye_ep_calib.formats.format import Format, Named, Written
 from fisheye_ep_calib.formats.opencv_text import matrix_of, plain_data
+from fisheye_ep_calib.formats.placed_camera import PlacedCamera, floats, statement
+from fisheye_ep_calib.formats.stereo import rectified_pair
 
 _PINHOLES = ("plumb_bob", "rational_polynomial", "none", "")
+
+
+def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
+    """A camera's CameraInfo, as in the camera file; of a stereo pair two, with R and P of the rectified images."""
+    central = [one.central().camera for one in cameras]
+    words = statement(cameras, central)
+    infos = [plain_camera_info(camera) for camera in central]
+    if len(cameras) == 1:
+        return Written({"": _text(infos[0], cameras[0].name, words)}, words)
+    pair = rectified_pair(cameras[0], cameras[1])
+    files = {}
+    for number, one in enumerate(cameras):
+        r, p = pair.rectified_from_camera[number], pair.projection[number]
+        placed = replace(infos[number], r=tuple(floats(r.ravel())), p=tuple(floats(p.ravel())))
+        files[f"_{one.name}"] = _text(placed, one.name, words)
+    return Written(files, (*words, "R and P are of rectified images: the same row in both, disparity f B / Z"))
+
+
+def _text(info: PlainCameraInfo, name: str, words: tuple[str, ...]) -> str:
+    content = camera_info_content(info, name)
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=1 << 16)
+    return "".join(f"# {line}\n" for line in words) + text
 
 
 def recognises(text: str) -> bool:
@@ -48,4 +76,6 @@ def camera_of(content: dict[str, Any]) -> ForeignCamera:
     return ForeignCamera(str(name), pinhole_camera(size, np.array(matrix), distortion), str(model))
 
 
-CAMERA_INFO = Format("camera_info", "ROS's CameraInfo as YAML", recognises=recognises, read=read)
+CAMERA_INFO = Format(
+    "camera_info", "ROS's CameraInfo as YAML; of a stereo pair two, rectified", write, recognises, read, most_cameras=2
+)

@@ -24,7 +24,8 @@ class Written(NamedTuple):
 
 @dataclass(frozen=True)
 class Format:
-    """name: as in ``export --to``. summary: what it is, in a few words. most_cameras: that it can hold.
+    """name: as in ``export --to``. summary: what it is, in a few words. most_cameras: that it can hold. places_only: it
+    says where cameras are, and nothing of what they are.
 
     write: from cameras, the reference first, to texts; and how the files will be called.
     recognises: whether a text is of this format, by its content. read: the cameras of such a text; raises InputError,
@@ -38,3 +39,4 @@ class Format:
     recognises: Callable[[str], bool] | None = None
     read: Callable[[str], list[ForeignCamera]] | None = None
     most_cameras: int | None = None
+    places_only: bool = False

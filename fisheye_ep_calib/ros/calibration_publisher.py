@@ -39,6 +39,11 @@ class CalibrationPublisher:
         publishers = {"raw": self._annotated, "compressed": self._compressed}
         return frozenset(name for name, publisher in publishers.items() if publisher.get_subscription_count() > 0)
 
+    @property
+    def frame(self) -> str:
+        """The frame_id of the camera's images; "" where none came yet, or they have none."""
+        return "" if self._header is None else str(self._header.frame_id)
+
     def update(self, outcome: Outcome | None) -> None:
         """A new calibration is in force; None: there is none any more."""
         with self._lock:

@@ -25,6 +25,7 @@ from fisheye_ep_calib.ros.node_announcer import announcer_of
 from fisheye_ep_calib.ros.parameter_table import ParameterTable, node_with_what_was_given
 from fisheye_ep_calib.ros.patient_node import PatientNode
 from fisheye_ep_calib.ros.quality import LATCHED
+from fisheye_ep_calib.ros.rig_transforms import RigTransforms
 from fisheye_ep_calib.ros.status_publisher import StatusPublisher
 from fisheye_ep_calib.web.content import PageContent
 from fisheye_ep_calib.web.server import PageServer
@@ -72,6 +73,7 @@ class CalibratorNode:
         self._drivers = {camera.name: DriverCommit(self._patient, self.node, camera) for camera in cameras}
         self._status = StatusPublisher(self.node)
         self._rig = self.node.create_publisher(String, "~/rig", LATCHED) if settings.rig else None
+        self._transforms = RigTransforms(self.node) if settings.rig and self._parameters["rig_tf"] else None
         announcer = announcer_of(self.node)
         self._live = live = LiveCalibrator(settings, tuning(self._parameters), announcer, self)
         self._intakes = {camera.name: self._intake(live, camera) for camera in cameras}
@@ -97,6 +99,9 @@ class CalibratorNode:
     def rig_calibrated(self, outcome: RigOutcome | None) -> None:
         if self._rig is not None:
             self._rig.publish(String(data="" if outcome is None else outcome.yaml))
+        if self._transforms is not None:
+            frames = {name: publisher.frame for name, publisher in self._publishers.items()}
+            self._transforms.publish(None if outcome is None else outcome.figures, frames)
 
     def wanted_pictures(self, camera: str) -> frozenset[str]:
         watched = self._publishers[camera].watched

@@ -32,6 +32,7 @@ NODE = (
     Entry("rig", False, "Find where the cameras are to each other; the first one is the reference."),
     Entry("rig_tolerance", 0.01, "Seconds within which images of two cameras are of the same time.", 0.0, 10.0),
     Entry("rig_views", 40, "Common views of two cameras that are kept even if one camera needs no more.", 3, 10000),
+    Entry("rig_tf", False, "Publish on /tf_static where the rig's cameras are; not where a robot's URDF does."),
     Entry("workers", 2, "Processes that detect and calibrate, for all cameras together.", 1, 64),
     Entry("auto_calibrate", True, "Calibrate without being asked, once there are views enough.", live=True),
     Entry("minimum_views", 10, "Views from which on auto_calibrate calibrates.", 3, 10000, live=True),

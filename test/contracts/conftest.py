@@ -27,7 +27,7 @@ REGISTRIES = {
     "lens_name": LENSES,
     "extra_name": LENS_EXTRAS,
     "format_name": FORMATS,
-    "written_format": {name: one for name, one in FORMATS.items() if one.write is not None},
+    "written_format": {name: one for name, one in FORMATS.items() if one.write and not one.places_only},
     "held_lens": HELD_LENSES,
     "held_extra": HELD_EXTRAS,
     "target_kind": TARGETS,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_readers import READERS, Read
+from foreign_readers import PLACE_READERS, READERS, Read
 
 from fisheye_ep_calib.calibration.assessing.stand_in import points_over_image
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
@@ -59,7 +59,7 @@ def test_every_format_has_a_name_a_summary_and_a_direction(format_name) -> None:
 
 
 def test_every_written_format_is_read_back_here() -> None:
-    assert set(writable_formats()) == set(READERS)
+    assert set(writable_formats()) == {*READERS, *PLACE_READERS}
 
 
 def test_a_camera_of_the_formats_own_kind_is_read_back_to_the_pixel(written_format, tmp_path) -> None:
@@ -127,6 +127,17 @@ def test_a_rigs_cameras_stand_where_they_stand(written_format, tmp_path) -> None
         if written_format != "mrcal":
             assert np.abs(error(read, CENTRAL, np.inf)).max() < 1e-6
         place = place @ PLACE
+
+
+@pytest.mark.parametrize("name", PLACE_READERS)
+def test_where_a_rigs_cameras_are_is_read_back(name, tmp_path, command) -> None:
+    done = export(rig(tmp_path, ("left", "right", "rear")), name, tmp_path / "out")
+    found, place = PLACE_READERS[name](done.paths[0]), np.eye(4)
+    assert list(found) == ["right_optical_frame", "rear_optical_frame"]
+    for reference_from_camera in found.values():
+        place = place @ PLACE
+        np.testing.assert_allclose(reference_from_camera, place, atol=1e-12)
+    command("export", "left.yaml", "--to", name, "--output", "one").refused(2, "rig")
 
 
 @pytest.mark.parametrize("name", [name for name, one in FORMATS.items() if one.most_cameras])

@@ -11,10 +11,12 @@ import sys
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from fisheye_ep_calib import open_recording
 from fisheye_ep_calib.commands.parser import build_parser
+from fisheye_ep_calib.storage.rig_file import places_yaml
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PAGES = sorted([REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *(REPOSITORY / "docs").glob("*.md")])
@@ -111,9 +113,29 @@ def two_cameras(folder: Path) -> None:
     shutil.copytree(folder / "calibration" / "observations", folder / "observations")
 
 
+def other_programs(folder: Path) -> None:
+    """A camera, the same in another program's format, and a rig of two of it."""
+    one_camera(folder)
+    run(f"{COMMAND} export front.yaml --to opencv --output theirs.yaml", folder)
+    rig_of_two(folder, "front.yaml", "front.yaml")
+
+
+def rig_of_two(folder: Path, *files: str) -> None:
+    """The file of a rig of two cameras side by side, of no calibration."""
+    places = {"left": np.eye(4), "right": np.eye(4)}
+    places["right"][0, 3] = 0.08
+    text = places_yaml(places)
+    for name, file in zip(places, files, strict=True):
+        text = text.replace(f"  {name}:\n", f"  {name}:\n    camera_file: {file}\n")
+    (folder / "rig.yaml").write_text(text)
+
+
+PREPARE = {"rig": two_cameras, "formats": other_programs}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if own_lines(page)], ids=lambda page: page.stem)
 def test_commands_of_a_page_work_one_after_the_other(page, tmp_path):
-    (two_cameras if page.stem == "rig" else one_camera)(tmp_path)
+    PREPARE.get(page.stem, one_camera)(tmp_path)
     for line in own_lines(page):
         run(line, tmp_path)

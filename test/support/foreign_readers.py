@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import ast
 import json
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -263,7 +265,66 @@ def read_mrcal(paths: list[Path]) -> list[Read]:
     return found
 
 
+def read_camera_info(paths: list[Path]) -> list[Read]:
+    """The second camera's place from R and P: x_rectified,right = x_rectified,left + (Tx/f, 0, 0)."""
+    infos = [yaml.safe_load(path.read_text()) for path in paths]
+    found = []
+    for info in infos:
+        assert info["distortion_model"] == "equidistant"
+        fx, skew, cx, _, fy, cy, *_ = info["camera_matrix"]["data"]
+        assert skew == 0
+        project = kannala_brandt(fx, fy, cx, cy, info["distortion_coefficients"]["data"])
+        found.append(Read(project, (info["image_width"], info["image_height"])))
+    if len(infos) == 1:
+        assert infos[0]["rectification_matrix"]["data"] == np.eye(3).ravel().tolist()
+        return found
+    turns = [np.reshape(info["rectification_matrix"]["data"], (3, 3)) for info in infos]
+    left, right = (np.reshape(info["projection_matrix"]["data"], (3, 4)) for info in infos)
+    assert left[0, 3] == 0 > right[0, 3] and np.array_equal(left[:, :3], right[:, :3])
+    pose = np.eye(4)
+    pose[:3, :3] = turns[1].T @ turns[0]
+    pose[:3, 3] = turns[1].T @ [right[0, 3] / right[0, 0], 0, 0]
+    return [found[0], Read(found[1].project, found[1].size, pose)]
+
+
+def read_static_transform(path: Path) -> dict[str, np.ndarray]:
+    """Child frame → parent from child, of the arguments of static_transform_publisher."""
+    found = {}
+    for line in path.read_text().splitlines():
+        if not line.startswith("ros2 run tf2_ros static_transform_publisher "):
+            continue
+        words = shlex.split(line.removesuffix(" &"))[4:]
+        given = dict(zip([word.removeprefix("--") for word in words[::2]], words[1::2], strict=True))
+        assert given["frame-id"] == "left_optical_frame"
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_quat([float(given[f"q{axis}"]) for axis in "xyzw"]).as_matrix()
+        pose[:3, 3] = [float(given[axis]) for axis in "xyz"]
+        found[given["child-frame-id"]] = pose
+    return found
+
+
+def read_urdf(path: Path) -> dict[str, np.ndarray]:
+    """rpy as R_z(yaw) R_y(pitch) R_x(roll), written out."""
+    robot, found = ElementTree.parse(path).getroot(), {}
+    for joint in robot.iter("joint"):
+        assert joint.get("type") == "fixed" and joint.find("parent").get("link") == "left_optical_frame"
+        origin = joint.find("origin")
+        (cr, cp, cy), (sr, sp, sy) = (f([float(word) for word in origin.get("rpy").split()]) for f in (np.cos, np.sin))
+        pose = np.eye(4)
+        pose[:3, :3] = (
+            np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+            @ np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+            @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+        )
+        pose[:3, 3] = [float(word) for word in origin.get("xyz").split()]
+        found[joint.find("child").get("link")] = pose
+    assert {link.get("name") for link in robot.iter("link")} == {"left_optical_frame", *found}
+    return found
+
+
+PLACE_READERS = {"static_transform": read_static_transform, "urdf": read_urdf}
 READERS = {
+    "camera_info": read_camera_info,
     "kalibr": read_kalibr,
     "openvins": read_openvins,
     "basalt": read_basalt,
