@@ -45,6 +45,10 @@ class KnownProcesses(SpawnContext):
         self._started.append(process)
         return process
 
+    def overdue(self) -> set[int]:
+        """The numbers of those that ``end_after`` has ended."""
+        return {process.pid for process in self._started if process.pid and ran_too_long(process.exitcode)}
+
     def kill(self) -> None:
         """End all of them at once, whatever they are doing."""
         for process in self._started:
@@ -99,6 +103,20 @@ def prepare_worker() -> None:
 
     cv2.setNumThreads(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def end_after(seconds: float) -> None:
+    """Have the system end this process once it has used so much more processor time, whatever it is doing; 0: never.
+
+    An exception would not do: what takes without end is C, which returns to no signal handler.
+    """
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+
+
+def ran_too_long(exit_code: int | None) -> bool:
+    """Whether a process that ended so was ended by ``end_after``."""
+    return hasattr(signal, "SIGPROF") and exit_code == -signal.SIGPROF
 
 
 def _end_with_parent() -> None:

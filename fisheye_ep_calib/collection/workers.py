@@ -6,11 +6,13 @@ Only an image's number goes to a worker and only what was found comes back: memo
 from __future__ import annotations
 
 import contextlib
+import os
 import pickle
+import struct
 import tempfile
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
@@ -25,8 +27,17 @@ from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.detection import Detection, Detector
 from fisheye_ep_calib.target.second_look import look_again
-from fisheye_ep_calib.worker_processes import KnownProcesses, deaf_to_interrupts, inherited_by_workers, prepare_worker
+from fisheye_ep_calib.worker_processes import (
+    KnownProcesses,
+    deaf_to_interrupts,
+    end_after,
+    inherited_by_workers,
+    prepare_worker,
+)
 
+# Seconds of processor time for one image: to read it, and to look at it, the latter and so much for each pixel.
+READ_SECONDS, LOOK_SECONDS, SECONDS_A_PIXEL = 15.0, 8.0, 1e-6
+_NOTE = struct.Struct("<qq")
 QUEUED_A_WORKER = 6  # images, so that workers go on while the next round is planned
 
 
@@ -59,6 +70,8 @@ class FrameWorkers:
         self._processes = KnownProcesses()
         self._needs_main = False
         self._search: IO[bytes] | None = None
+        self._notes: IO[bytes] | None = None
+        self._numbers: list[Job] = []  # of the images, as the workers note them
         self._waiting: deque[Job] = deque()
         self._running: dict[Future[Any], Job] = {}
         self._ready: deque[FrameResult] = deque()
@@ -90,6 +103,9 @@ class FrameWorkers:
             if self._search is not None:
                 self._search.close()
                 self._search = None
+            if self._notes is not None:
+                self._notes.close()
+                self._notes = None
 
     def _look_here(self, job: Job) -> FrameResult:
         threads = cv2.getNumThreads()
@@ -128,6 +144,12 @@ class FrameWorkers:
             else:
                 unfinished.append(job)
         self._running.clear()
+        overdue = self._overdue()
+        for job in (job for job in unfinished if job in overdue):
+            self._ready.append(failed_on(self._recording, job, "looking at it takes without end; left out"))
+        if overdue:
+            self._waiting.extendleft(job for job in reversed(unfinished) if job not in overdue)
+            return
         in_work = self._workers + 1  # images are taken in order, and an answer may have been lost
         self._waiting.extendleft(reversed(unfinished[in_work:]))
         for job in unfinished[:in_work]:
@@ -138,6 +160,16 @@ class FrameWorkers:
                 self._ready.append(failed_on(self._recording, job, "a worker process died on it"))
         self._end_pool()
 
+    def _overdue(self) -> list[Job]:
+        """The images that workers were looking at which were ended because they took too long."""
+        self._end_pool()
+        numbers = self._processes.overdue()
+        if not numbers or self._notes is None:
+            return []
+        self._notes.seek(0)
+        last = dict(_NOTE.iter_unpack(self._notes.read()))
+        return [self._numbers[last[process]] for process in numbers if process in last]
+
     def _submit(self, job: Job) -> Future[Any]:
         if self._pool is None:
             self._processes = KnownProcesses()
@@ -145,10 +177,11 @@ class FrameWorkers:
                 self._workers,
                 mp_context=self._processes,
                 initializer=_initialize,
-                initargs=(self._search_file(),),
+                initargs=(self._search_file(), self._notes_file(), READ_SECONDS, LOOK_SECONDS),
             )
         with inherited_by_workers(self._needs_main):  # which the pool starts when it is given work
-            return self._pool.submit(_look, job)
+            self._numbers.append(job)
+            return self._pool.submit(_look, job, len(self._numbers) - 1)
 
     def _search_file(self) -> str:
         """Recording and target, for the workers: as arguments they would keep the next one waiting for this one."""
@@ -160,21 +193,38 @@ class FrameWorkers:
             self._search.flush()
         return self._search.name
 
+    def _notes_file(self) -> str:
+        """Where workers note what they begin with: whoever is ended cannot tell."""
+        if self._notes is None:
+            self._notes = tempfile.NamedTemporaryFile(prefix="fisheye_ep_calib_")
+        return self._notes.name
+
     def _end_pool(self) -> None:
         pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def look(recording: Recording, detector: Detector, job: Job) -> FrameResult:
-    """Read, decode and search one image; a bad image is a result too."""
+def look(
+    recording: Recording,
+    detector: Detector,
+    job: Job,
+    limits: tuple[float, float] = (READ_SECONDS, LOOK_SECONDS),
+    allow: Callable[[float], None] = lambda seconds: None,
+) -> FrameResult:
+    """Read, decode and search one image; a bad image is a result too.
+
+    limits: seconds for reading and for looking, of which ``allow`` is told as each begins.
+    """
     frame = recording.frame(job.topic, job.index)
     started = time.perf_counter()
+    allow(limits[0])
     try:
         image = frame.image() if job.camera_from_target is None else frame.levels()
     except InputError as error:
         return failed_on(recording, job, str(error), time.perf_counter() - started)
     read = time.perf_counter()
+    allow(limits[1] + SECONDS_A_PIXEL * image.size)
     try:
         if job.camera_from_target is None:
             detection = detector.detect(image)
@@ -202,16 +252,24 @@ def failed_on(recording: Recording, job: Job, error: str, seconds: float = 0.0) 
 
 
 _process: tuple[Recording, Detector] | None = None
+_note = -1  # descriptor of the file of notes
+_limits = (READ_SECONDS, LOOK_SECONDS)
 
 
-def _initialize(search_file: str) -> None:
-    global _process
+def _initialize(search_file: str, notes_file: str, *limits: float) -> None:
+    global _process, _note, _limits
+    _limits = (limits[0], limits[1])
     prepare_worker()
+    _note = os.open(notes_file, os.O_WRONLY | os.O_APPEND)
     with open(search_file, "rb") as file:
         recording, target = pickle.load(file)
     _process = recording, target.detector()
 
 
-def _look(job: Job) -> FrameResult:
+def _look(job: Job, number: int) -> FrameResult:
     assert _process is not None
-    return look(*_process, job)
+    os.write(_note, _NOTE.pack(os.getpid(), number))
+    try:
+        return look(*_process, job, _limits, end_after)
+    finally:
+        end_after(0)

@@ -28,6 +28,7 @@ class Task:
     stamp_ns: int | None = None
 
 
+_FRAME_SECONDS = 10.0  # of processor time for a frame: more is a frame made to hold the worker up
 _LONGEST_END = 1.0  # seconds for a thread of the pool to end
 
 
@@ -93,7 +94,7 @@ class WorkPool:
             process.start()
         while (taken := self._take()) is not None:
             task, is_job = taken
-            result, error = _run(process, task)
+            result, error = _run(process, task, 0.0 if is_job else _FRAME_SECONDS)
             if is_job:
                 self._job_ended()
             if self._stopped:
@@ -131,9 +132,9 @@ class WorkPool:
             self._changed.notify()
 
 
-def _run(process: WorkerProcess, task: Task) -> tuple[Any, CalibrationError | None]:
+def _run(process: WorkerProcess, task: Task, seconds: float) -> tuple[Any, CalibrationError | None]:
     try:
-        return process.run(task.function, *task.arguments()), None
+        return process.run(task.function, *task.arguments(), seconds=seconds), None
     except CalibrationError as error:
         return None, error
     except Exception as error:

@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
+from fisheye_ep_calib.worker_processes import end_after, inherited_by_workers, prepare_worker, ran_too_long
 
 _NICENESS = 10  # so far the child stands back from the programs that drive the cameras
 
@@ -33,17 +33,22 @@ class WorkerProcess:
                 self._process, self._connection = _start()
             return self._connection
 
-    def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    def run(self, function: Callable[..., Any], *arguments: Any, seconds: float = 0.0) -> Any:
         """Result of ``function(*arguments)`` in the child; its exception is raised here.
 
-        Raises CalibrationError where the child died under the work.
+        seconds: of processor time that it may take; 0: as many as it wants. Raises CalibrationError where it takes
+        more, or the child died under the work.
         """
         try:
             connection = self.start()
-            connection.send((function, arguments))
+            connection.send((function, arguments, seconds))
             succeeded, result = connection.recv()
         except (EOFError, OSError):
             code = self._discard()
+            if ran_too_long(code):
+                raise CalibrationError(
+                    f"it took more than {seconds:.0f} s of processor time and was given up"
+                ) from None
             raise CalibrationError(f"a worker process ended unexpectedly (exit code {code})") from None
         if not succeeded:
             raise result
@@ -85,15 +90,17 @@ def _serve(connection: Connection) -> None:
     os.nice(_NICENESS)
     while True:
         try:
-            function, arguments = connection.recv()
+            function, arguments, seconds = connection.recv()
         except (EOFError, OSError):
             return
+        end_after(seconds)
         try:
             reply = (True, function(*arguments))
         except CalibrationError as error:
             reply = (False, error)
         except Exception as error:  # one bad frame must not end the worker
             reply = (False, CalibrationError(f"{type(error).__name__}: {error}"))
+        end_after(0)
         try:
             connection.send(reply)
         except (BrokenPipeError, ConnectionResetError):

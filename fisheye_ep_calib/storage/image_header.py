@@ -8,34 +8,48 @@ import struct
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage import tiff_pages
 
-# 134 megapixels: above any camera's, below what would exhaust a machine.
+# 134 megapixels: above any camera's. More than 34 of them are decoded only where there are bytes enough to hold a
+# photograph: looking for a target takes up to 35 bytes a pixel, and a few bytes can declare any size.
 MAX_PIXELS = 2**27
+MAX_PIXELS_OF_FEW_BYTES = 2**25
+MAX_PIXELS_A_BYTE = 4
+MAX_SAMPLE_BYTES = 400_000_000  # of all channels, decoded
+MAX_SCANS = 100  # of a JPEG, each of which touches every pixel; progressive ones have some ten
 
 JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 JPEG_BARE_MARKERS = frozenset(range(0xD0, 0xD8)) | {0x01}
 PNM_HEADER = re.compile(rb"P[1-6](?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})\s")
 PNM_HEADER_BYTES = 4096
+PNG_CHANNELS = {0: 1, 2: 3, 3: 4, 4: 4, 6: 4}
 KINDS = "PNG, JPEG, WebP, BMP, TIFF or PGM"
 
 
-def check_size(width: int, height: int) -> None:
-    """Raise InputError for an image with no pixels or with more than any camera has."""
+def check_size(width: int, height: int, content_bytes: int, pixel_bytes: float = 1.0) -> None:
+    """Raise InputError for an image with no pixels or with more than any camera has, or than its bytes can tell of.
+
+    content_bytes: that are there to decode. pixel_bytes: that a pixel takes once it is decoded, of all channels.
+    """
     if width <= 0 or height <= 0:
         raise InputError(f"the image is empty ({width}×{height})")
     if width * height > MAX_PIXELS:
         raise InputError(f"the image declares {width}×{height} pixels; at most {MAX_PIXELS} are decoded")
+    if width * height > max(MAX_PIXELS_OF_FEW_BYTES, MAX_PIXELS_A_BYTE * content_bytes):
+        raise InputError(f"the image declares {width}×{height} pixels, but holds {content_bytes} bytes only")
+    if width * height * pixel_bytes > MAX_SAMPLE_BYTES:
+        raise InputError(f"the image declares {width}×{height} pixels of {pixel_bytes:g} bytes, too many")
 
 
 def declared_size(content: bytes | memoryview) -> tuple[int, int]:
     """(width, height) that the header of an image of one of these KINDS declares. Raises InputError."""
     try:
-        size = _size(content)
+        declared = _size(content)
     except (struct.error, IndexError):
         raise InputError("the image's header is cut short") from None
-    if size is None:
+    if declared is None:
         raise InputError(_not_an_image(content))
-    check_size(*size)
-    return size
+    width, height, pixel_bytes = declared
+    check_size(width, height, len(content), pixel_bytes)
+    return width, height
 
 
 def _not_an_image(content: bytes | memoryview) -> str:
@@ -44,29 +58,31 @@ def _not_an_image(content: bytes | memoryview) -> str:
     return f"the data is neither {KINDS}".replace(" or ", " nor ")
 
 
-def _size(content: bytes | memoryview) -> tuple[int, int] | None:
+def _size(content: bytes | memoryview) -> tuple[int, int, float] | None:
+    """Width, height and bytes a decoded pixel; None where it is an image of no kind that is known."""
     if content[:8] == b"\x89PNG\r\n\x1a\n":
         if content[12:16] != b"IHDR":
             raise InputError("the PNG has no header")
-        return struct.unpack_from(">II", content, 16)
+        width, height, depth, colours = struct.unpack_from(">IIBB", content, 16)
+        return width, height, PNG_CHANNELS.get(colours, 4) * max(depth, 8) / 8
     if content[:3] == b"\xff\xd8\xff":
         return _jpeg_size(content)
     if content[:2] == b"BM":
-        return _bmp_size(content)
+        return (*_bmp_size(content), 4)
     if content[:4] in tiff_pages.MAGICS:
         first = tiff_pages.pages(content, most=1)
         if not first:
             raise InputError("the TIFF has no page")
-        return first[0].width, first[0].height
+        return first[0].width, first[0].height, first[0].pixel_bytes
     if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
-        return _webp_size(content)
+        return (*_webp_size(content), 4)
     if content[:1] == b"P" and content[1:2] in (b"1", b"2", b"3", b"4", b"5", b"6"):
         match = PNM_HEADER.match(bytes(content[:PNM_HEADER_BYTES]))
-        return (int(match[1]), int(match[2])) if match else None
+        return (int(match[1]), int(match[2]), 6) if match else None
     return None
 
 
-def _jpeg_size(content: bytes | memoryview) -> tuple[int, int]:
+def _jpeg_size(content: bytes | memoryview) -> tuple[int, int, float]:
     """Walk the segments to the frame header (SOFn): marker, length, precision, height, width."""
     position = 2
     while True:
@@ -79,10 +95,13 @@ def _jpeg_size(content: bytes | memoryview) -> tuple[int, int]:
             position += 2
             continue
         if marker in JPEG_FRAME_MARKERS:
-            height, width = struct.unpack_from(">HH", content, position + 5)
-            if bytes(content[position:]).rfind(b"\xff\xd9") < 0:
+            depth, height, width, channels = struct.unpack_from(">BHHB", content, position + 4)
+            rest = bytes(content[position:])
+            if rest.rfind(b"\xff\xd9") < 0:
                 raise InputError("the JPEG is cut short")  # a decoder would fill the rest with grey
-            return width, height
+            if rest.count(b"\xff\xda") > MAX_SCANS:
+                raise InputError(f"the JPEG has more than {MAX_SCANS} scans")
+            return width, height, channels * max(depth, 8) / 8
         (length,) = struct.unpack_from(">H", content, position + 2)
         if length < 2 or marker in (0xD9, 0xDA):
             raise InputError("the JPEG has no frame header")

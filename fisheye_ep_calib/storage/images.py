@@ -91,13 +91,13 @@ def checked_samples(message: Message) -> tuple[np.ndarray, Layout]:
     if layout is None:
         raise InputError(f"the image's encoding is {short_name(message.encoding)!r}, which cannot be read")
     width, height, step = int(message.width), int(message.height), int(message.step)
-    check_size(width, height)
+    data = as_bytes(message.data)
+    check_size(width, height, len(data))
     if layout.channels == 2 and width % 2:
         raise InputError(f"an image of encoding {message.encoding} cannot have an odd width ({width})")
     row_bytes = width * layout.channels * layout.depth // 8
     if step < row_bytes:
         raise InputError(f"the image's step is {step} bytes, but a row of {width} pixels takes {row_bytes}")
-    data = as_bytes(message.data)
     rows = int(height * layout.rows)
     if step > row_bytes and len(data) == (rows - 1) * step + row_bytes:  # the last row's padding was left out
         data = np.concatenate([data, np.zeros(step - row_bytes, dtype=np.uint8)])
@@ -150,9 +150,9 @@ def decoded_file(content: bytes | np.ndarray) -> np.ndarray:
     return _as_declared(image, size)
 
 
-def decoded_page(path: Path, page: int, size: tuple[int, int]) -> np.ndarray:
+def decoded_page(path: Path, page: int, size: tuple[int, int], pixel_bytes: float) -> np.ndarray:
     """A page of a TIFF, which declares this (width, height), as ``decoded_file`` gives it. Raises InputError."""
-    check_size(*size)
+    check_size(*size, path.stat().st_size, pixel_bytes)
     try:
         _, images = cv2.imreadmulti(os.fspath(path), page, 1, flags=cv2.IMREAD_UNCHANGED)
     except (cv2.error, MemoryError):

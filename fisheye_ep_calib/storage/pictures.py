@@ -103,8 +103,8 @@ def decode_depth(message: Message) -> np.ndarray:
         raise InputError(f"a depth image is 32FC1 or 16UC1, not {short_name(message.encoding)!r}")
     kind, metres = _METRES_PER_UNIT[encoding]
     width, height, step = int(message.width), int(message.height), int(message.step)
-    check_size(width, height)
     data = as_bytes(message.data)
+    check_size(width, height, len(data))
     row_bytes = width * np.dtype(kind).itemsize
     if step < row_bytes or len(data) != height * step:
         raise InputError(

@@ -15,17 +15,21 @@ from fisheye_ep_calib.errors import InputError
 MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 MOST_PAGES = 10_000
 _MOST_ENTRIES = 4096
-_KIND_OF_PAGE, _WIDTH, _HEIGHT = 254, 256, 257
+_KIND_OF_PAGE, _WIDTH, _HEIGHT, _BITS, _CHANNELS, _TILE_WIDTH, _TILE_HEIGHT = 254, 256, 257, 258, 277, 322, 323
+_TAGS = (_KIND_OF_PAGE, _WIDTH, _HEIGHT, _BITS, _CHANNELS, _TILE_WIDTH, _TILE_HEIGHT)
+_USUAL_BITS = 16  # of samples that are described elsewhere in the file
 _REDUCED_OR_MASK = 0b101
 _FIELDS = {1: "B", 3: "H", 4: "I", 16: "Q"}
 
 
 class Page(NamedTuple):
-    """number: which directory of the file, counted from 0."""
+    """number: which directory of the file, counted from 0. pixel_bytes: of a decoded pixel, of all its channels; more
+    where its tiles would take more than the page."""
 
     number: int
     width: int
     height: int
+    pixel_bytes: float = 1.0
 
 
 class _Layout(NamedTuple):
@@ -63,8 +67,15 @@ def pages(content: bytes | memoryview | mmap, most: int = MOST_PAGES) -> list[Pa
                 raise InputError("the TIFF declares no size")
             break
         if not tags.get(_KIND_OF_PAGE, 0) & _REDUCED_OR_MASK or len(visited) == 1:
-            listed.append(Page(len(visited) - 1, tags[_WIDTH], tags[_HEIGHT]))
+            listed.append(_page(len(visited) - 1, tags))
     return listed
+
+
+def _page(number: int, tags: dict[int, int]) -> Page:
+    width, height = tags[_WIDTH], tags[_HEIGHT]
+    pixel_bytes = tags.get(_CHANNELS, 1) * max(tags.get(_BITS, 8), 8) / 8
+    tile = tags.get(_TILE_WIDTH, 0) * tags.get(_TILE_HEIGHT, 0)
+    return Page(number, width, height, pixel_bytes * max(1.0, tile / max(width * height, 1)))
 
 
 def _directory(content: bytes | memoryview | mmap, position: int, layout: _Layout) -> tuple[dict[int, int], int]:
@@ -75,8 +86,11 @@ def _directory(content: bytes | memoryview | mmap, position: int, layout: _Layou
     position += struct.calcsize(layout.entries)
     fields = {}
     for _ in range(entries):
-        tag, kind = struct.unpack_from(f"{layout.order}HH", content, position)
-        if tag in (_KIND_OF_PAGE, _WIDTH, _HEIGHT) and kind in _FIELDS:
+        tag, kind, count = struct.unpack_from(f"{layout.order}HH{layout.offset}", content, position)
+        if tag in _TAGS and kind in _FIELDS:
+            if tag == _BITS and count > 1:
+                fields[tag] = _USUAL_BITS
+                continue
             (fields[tag],) = struct.unpack_from(layout.order + _FIELDS[kind], content, position + layout.value_at)
         position += layout.entry_bytes
     try:

@@ -14,7 +14,7 @@ import numpy as np
 
 from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.plain_text import shown
-from fisheye_ep_calib.storage.image_header import MAX_PIXELS, check_size
+from fisheye_ep_calib.storage.image_header import MAX_PIXELS_OF_FEW_BYTES, check_size
 from fisheye_ep_calib.storage.messages import Message
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class VideoDecoder:
         except ModuleNotFoundError:
             raise InputError(what_to_do(packet.codec, self._type, self._topic)) from None
         context = cast("VideoCodecContext", av.CodecContext.create(packet.codec, "r"))
-        context.options = {"max_pixels": str(MAX_PIXELS)}
+        context.options = {"max_pixels": str(MAX_PIXELS_OF_FEW_BYTES)}
         context.thread_count = 1
         self._context = context
         self._fed = number
@@ -157,11 +157,11 @@ class VideoDecoder:
 
 def grey_of(frame: VideoFrame) -> np.ndarray:
     """(h, w) uint8, full range."""
-    check_size(frame.width, frame.height)
+    check_size(frame.width, frame.height, frame.width * frame.height)
     return np.ascontiguousarray(frame.to_ndarray(format="gray"))
 
 
 def colours_of(frame: VideoFrame) -> np.ndarray:
     """(h, w, 3) uint8, blue green red."""
-    check_size(frame.width, frame.height)
+    check_size(frame.width, frame.height, frame.width * frame.height)
     return np.ascontiguousarray(frame.to_ndarray(format="bgr24"))

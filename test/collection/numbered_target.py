@@ -11,7 +11,7 @@ import numpy as np
 from fisheye_ep_calib.target.base import Target, rectangular_grid
 from fisheye_ep_calib.target.detection import Detection
 
-ABSENT, PRESENT, CRASHES, KILLS, INTERRUPTS, SLOW = range(6)
+ABSENT, PRESENT, CRASHES, KILLS, INTERRUPTS, SLOW, ENDLESS = range(7)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +36,8 @@ class NumberedDetector:
             raise KeyboardInterrupt
         if kind == SLOW:
             time.sleep(0.2)
+        while kind == ENDLESS:
+            pass
         pixels = np.array([x, y]) + size * (self.object_points[:, :2] + [[0.1, 0.2]])
         return Detection(np.arange(len(pixels)), pixels)
 

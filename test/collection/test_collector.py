@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bag_writers import START_NS, messages, write_folder, write_mcap
-from numbered_target import ABSENT, CRASHES, INTERRUPTS, KILLS, SLOW, TARGET, picture
+from numbered_target import ABSENT, CRASHES, ENDLESS, INTERRUPTS, KILLS, SLOW, TARGET, picture
 
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
 from fisheye_ep_calib.collection.collector import Guide
@@ -139,6 +139,16 @@ def test_an_image_that_kills_its_worker_costs_only_itself(tmp_path):
     run = collect(write_folder(tmp_path / "front", pictures), ["front"], workers=2)["front"]
     assert len(run.views) == 11
     assert run.unused == {"frame5.png": "a worker process died on it"}
+
+
+def test_an_image_that_takes_without_end_is_left_out_and_named(tmp_path, monkeypatch):
+    monkeypatch.setattr("fisheye_ep_calib.collection.workers.LOOK_SECONDS", 0.5)
+    pictures = [picture(x=i) for i in range(12)]
+    pictures[3] = pictures[8] = picture(ENDLESS)
+    began = time.monotonic()
+    run = collect(write_folder(tmp_path / "front", pictures), ["front"], workers=2)["front"]
+    assert len(run.views) == 10 and time.monotonic() - began < 60
+    assert run.unused == dict.fromkeys(("frame3.png", "frame8.png"), "looking at it takes without end; left out")
 
 
 def test_workers_that_die_while_idle_cost_nothing(tmp_path):

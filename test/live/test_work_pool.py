@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import queue
 import signal
@@ -59,6 +60,15 @@ def test_a_dead_worker_is_named_and_replaced(pool: WorkPool) -> None:
     pool.queue_job(task(os._exit, 7, outcomes=outcomes))
     assert "7" in str(outcomes.get(timeout=PATIENCE)[1])
     pool.queue_job(task(os.path.join, "a", "b", outcomes=outcomes))
+    assert outcomes.get(timeout=PATIENCE) == ("a/b", None)
+
+
+def test_a_frame_that_takes_without_end_costs_only_itself(pool: WorkPool, monkeypatch) -> None:
+    monkeypatch.setattr("fisheye_ep_calib.live.work_pool._FRAME_SECONDS", 0.5)
+    outcomes: queue.Queue = queue.Queue()
+    pool.offer_frame("a", task(sum, itertools.repeat(1), outcomes=outcomes))
+    assert "0 s of processor time" in str(outcomes.get(timeout=PATIENCE)[1])
+    pool.offer_frame("a", task(os.path.join, "a", "b", outcomes=outcomes))
     assert outcomes.get(timeout=PATIENCE) == ("a/b", None)
 
 

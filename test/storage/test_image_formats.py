@@ -110,7 +110,7 @@ def test_pages_thumbnails_and_damage(tmp_path, big):
     from fisheye_ep_calib.storage.tiff_pages import pages
 
     whole = [size_tags(8, 6), size_tags(2, 2, 1), size_tags(9, 5), size_tags(8, 6, 4)]
-    assert [tuple(page) for page in pages(tiff(whole, big=big))] == [(0, 8, 6), (2, 9, 5)]
+    assert [tuple(page[:3]) for page in pages(tiff(whole, big=big))] == [(0, 8, 6), (2, 9, 5)]
     assert len(pages(tiff([size_tags(8, 6)] * 30, big=big), most=7)) == 7
     first = 16 if big else 8
     assert len(pages(tiff([size_tags(8, 6)], [first], big))) == 1  # a directory that is its own next one

@@ -13,6 +13,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.outside import open_outside
 from fisheye_ep_calib.storage.budget import Budget, Spent
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
+from fisheye_ep_calib.storage.image_header import check_size
 from fisheye_ep_calib.storage.images import as_bytes, decoded_file, grey_image, grey_of_samples
 from fisheye_ep_calib.storage.messages import Message, deserialize
 from fisheye_ep_calib.storage.pictures import Picture, decode_compressed_picture, decode_picture
@@ -152,7 +153,10 @@ class BagSource(Source):
             raise InputError(f"{self.path} cannot be read: {error.strerror or error}") from None
         if self.encodings[topic] == "cdr" and content[:4] == ZSTD_MAGIC:  # rosbag2's compression by message
             content = decompress(content, "zstd", MAX_MESSAGE_BYTES)
-        return deserialize(content, self.topics[topic], self.encodings[topic])
+        message = deserialize(content, self.topics[topic], self.encodings[topic])
+        if self.topics[topic] == IMAGE:
+            check_size(int(message.width), int(message.height), self.path.stat().st_size)
+        return message
 
     def grey(self, topic: str, entry: Entry) -> np.ndarray:
         message = self.message(topic, entry)

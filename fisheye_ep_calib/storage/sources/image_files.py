@@ -81,7 +81,7 @@ class ImageFiles(Source):
         try:
             if len(pages) > 1:
                 declared = next(candidate for candidate in pages if candidate.number == page)
-                return decoded_page(path, page, (declared.width, declared.height))
+                return decoded_page(path, page, (declared.width, declared.height), declared.pixel_bytes)
             return decoded_file(read_outside(path, MAX_FILE_BYTES, "image"))
         except OSError as error:
             raise InputError(f"the file cannot be read ({error.strerror or error})") from None

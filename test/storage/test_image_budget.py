@@ -1,0 +1,74 @@
+"""What an image may ask for before a pixel of it is decoded."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.image_header import MAX_SCANS, declared_size
+from fisheye_ep_calib.storage.images import decode_file_content, decode_image
+
+
+def png(width: int, height: int, depth: int = 8, colours: int = 0) -> bytes:
+    """All black, in as few bytes as there can be."""
+    packer = zlib.compressobj(9)
+    row = bytes(1 + width * {0: 1, 2: 3, 6: 4}[colours] * depth // 8)
+    data = b"".join(packer.compress(row) for _ in range(min(height, 64))) + packer.flush()
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    head = struct.pack(">IIBBBBB", width, height, depth, colours, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (png(8192, 8192), "holds .* bytes only"),
+        (png(30_000, 30_000), "at most"),
+        (png(8192, 8192, 16, 6) + bytes(2**24), "of 8 bytes, too many"),
+        (b"P6 8192 8192 65535\n" + bytes(2**16), "bytes only"),
+    ],
+)
+def test_more_pixels_than_the_bytes_can_tell_of(content, words) -> None:
+    with pytest.raises(InputError, match=words):
+        declared_size(content)
+
+
+def test_a_photograph_of_60_megapixels_is_one() -> None:
+    assert declared_size(png(9504, 6336) + bytes(16 * 2**20)) == (9504, 6336)
+
+
+def test_the_scans_of_a_jpeg_are_counted() -> None:
+    picture = np.random.default_rng(0).integers(0, 255, (64, 64), dtype=np.uint8)
+    content = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    assert decode_file_content(content).shape == (64, 64)
+    start = content.rindex(b"\xff\xda")
+    scan = content[start:-2]
+    with pytest.raises(InputError, match="scans"):
+        decode_file_content(content[:start] + scan * (MAX_SCANS + 1) + content[-2:])
+
+
+@pytest.mark.parametrize("tags", [{322: 2**20, 323: 2**20}, {277: 65535}, {258: 65535}])
+def test_a_tiff_that_declares_a_tile_or_samples_beyond_reason(tags) -> None:
+    entries = {256: 640, 257: 480, **tags}
+    body = struct.pack("<H", len(entries))
+    for tag, value in sorted(entries.items()):
+        body += struct.pack("<HHII", tag, 4, 1, value)
+    with pytest.raises(InputError, match="too many"):
+        declared_size(b"II*\0" + struct.pack("<I", 8) + body + bytes(4))
+
+
+def test_a_message_of_more_pixels_than_it_has_bytes() -> None:
+    message = SimpleNamespace(
+        width=8192, height=8192, step=8192, encoding="mono8", is_bigendian=0, data=np.zeros(100, np.uint8)
+    )
+    with pytest.raises(InputError, match="bytes only"):
+        decode_image(message)
