@@ -13,6 +13,7 @@ from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.assessing.uncertainty import ProjectionTable
 from fisheye_ep_calib.calibration.result import CalibrationResult
 from fisheye_ep_calib.calibration.selecting.pupil_verdict import DOUBTFUL, FEWEST_VIEWS, NOT_DISTINGUISHABLE
+from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 
 GOOD, CAUTION, BAD = "good", "caution", "bad"
@@ -53,7 +54,36 @@ def pupil_sentence(result: CalibrationResult) -> str:
     if result.model == CENTRAL_MODEL:
         told = f"the data support an entrance pupil, which this single-viewpoint model leaves out: {told}"
         return told if result.choice else f"{told}; try model auto"
-    return f"entrance pupil supported: {told}"
+    return "; ".join([f"entrance pupil supported: {told}", *_clearest(result), *_held_out_gain(result)])
+
+
+def _clearest(result: CalibrationResult) -> list[str]:
+    """Where the pupil is clearest against its σ, said of the rays; the verdict's σ where it is more than the band's."""
+    camera, verdict = result.camera, result.pupil_verdict
+    theta = np.radians(np.arange(10, np.floor(np.degrees(camera.theta_max)) + 1))
+    if not camera.coefficients or len(theta) == 0:
+        return []
+    at = np.append(theta, verdict.theta)
+    shift, sigma = camera.entrance_pupil(at), pupil_sigma(camera, result.uncertainty.covariance, at)
+    sigma = sigma * max(1.0, verdict.sigma / max(float(sigma[-1]), 1e-300))
+    best = int(np.argmax(np.abs(shift[:-1]) / np.maximum(sigma[:-1], 1e-300)))
+    where = "nearer the scene" if shift[best] < 0 else "farther from the scene"
+    digits = int(np.clip(np.ceil(-np.log10(max(1e3 * sigma[best], 1e-6))), 0, 4))
+    size, sure = 1e3 * abs(float(shift[best])), 1e3 * float(sigma[best])
+    return [f"rays {np.degrees(theta[best]):.0f}° off the axis enter {size:.{digits}f} ± {sure:.{digits}f} mm {where}"]
+
+
+def _held_out_gain(result: CalibrationResult) -> list[str]:
+    """What the pupil is worth on views that were left out of the fit; nothing where that was not asked."""
+    central, chosen = result.comparison.get(CENTRAL_MODEL), result.comparison.get(result.model)
+    if central is None or chosen is None or result.model == CENTRAL_MODEL:
+        return []
+    without, with_it = central.cross_validated_rms_px, chosen.cross_validated_rms_px
+    if not (np.isfinite([without, with_it]).all() and min(without, with_it) > 0):
+        return []
+    gain = 100 * (1 - with_it / without)
+    compared = f"{abs(gain):.0f} % {'better' if gain > 0 else 'worse'} than" if abs(gain) >= 0.5 else "as well as"
+    return [f"views left out of the fit are predicted {compared} by a single viewpoint"]
 
 
 def _doubt(result: CalibrationResult) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 from fisheye_ep_calib.calibration.options import DISC_CENTERS
@@ -37,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     refuse_unusable_report(arguments)
-    read_camera_file(arguments.camera)  # before the images are looked at
-    with cameras_given(arguments, before_looking=_refuse_several) as (cameras, _, _):
+    name = read_camera_file(arguments.camera).name  # before the images are looked at
+    with cameras_given(arguments, before_looking=partial(_refuse_several, name), camera=name) as (cameras, _, _):
         judged = evaluate(
             arguments.camera, cameras[0], board_warp=arguments.board_warp, disc_centers=arguments.disc_centers
         )
@@ -59,11 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
     )
     print(with_options(judged.board_words, arguments))
     for finding in judged.findings:
-        print(f"  {'!' if finding.concern else '·'} {finding.title}: {finding.sentence}")
+        print(f"  {'!' if finding.concern else '·'} {finding.line}")
     print(judged.verdict.headline)
     return code
 
 
-def _refuse_several(names: list[str]) -> None:
+def _refuse_several(camera: str, names: list[str]) -> None:
     if len(names) != 1:
-        raise InputError("one camera at a time: give one --topic")
+        raise InputError(f"here are {', '.join(names)}, and the file's camera is called {camera}: give one --topic")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -91,9 +92,14 @@ def cameras_given(
     arguments: argparse.Namespace,
     log: Log | None = None,
     before_looking: Callable[[list[str]], None] = lambda names: None,
+    camera: str = "",
 ) -> Iterator[tuple[list[CameraSource], LookAgain | None, OnProgress]]:
-    """``camera_sources`` of the arguments, and the bars that tell what is done with them."""
+    """``camera_sources`` of the arguments, and the bars that tell what is done with them.
+
+    camera: of several, the one of this name is looked at alone.
+    """
     with look_given(arguments, log) as look:
+        look = replace(look, camera=camera)
         given = camera_sources(
             arguments.source, arguments.target, look, split=arguments.split, before_looking=before_looking
         )

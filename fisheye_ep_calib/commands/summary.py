@@ -28,9 +28,7 @@ def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
     lines.append(f"  {pupil_sentence(result)}")
     if result.error_budget:
         lines.append(f"  {result.error_budget.sentence}")
-    lines += [
-        f"  {'!' if entry.concern else '·'} {entry.title}: {entry.sentence}" for entry in result.diagnosis.findings
-    ]
+    lines += [f"  {'!' if entry.concern else '·'} {entry.line}" for entry in result.diagnosis.findings]
     lines.append(f"  {loss_sentence(result)}")
     return "\n".join(lines)
 

@@ -76,7 +76,9 @@ class EvaluatedCamera(Evaluation):
     def board_words(self) -> str:
         """What shape the target was given, and where that came from."""
         if not self.flat and self.board is None:
-            return "the board has the bow that the calibration found"
+            measured = self.camera_file.board
+            aside = "; the shape that it measured is left aside" if measured is not None and measured.bends else ""
+            return f"the board has the bow alone that the calibration found, as was asked{aside}"
         if self.chosen is None:
             return "the board is taken as its file has it"
         known = self.camera_file.board

@@ -35,12 +35,14 @@ Source = Path_ | Sequence[Path_] | Recording
 class Look:
     """Which images are looked at, and by whom.
 
-    topics: camera name → topic, or topics; None for the only one. max_views: images chosen of a camera, unless every:
-    each N-th image, whatever it shows. strict: damaged recordings and images are errors. workers: processes, one a
-    core where it is None. scheduler: address of a Dask cluster that looks instead. log: keeps what was found so far.
+    topics: camera name → topic, or topics; None for the only one, or that of the camera called ``camera``. max_views:
+    images chosen of a camera, unless every: each N-th image, whatever it shows. strict: damaged recordings and images
+    are errors. workers: processes, one a core where it is None. scheduler: address of a Dask cluster that looks
+    instead. log: keeps what was found so far.
     """
 
     topics: Topics = None
+    camera: str = ""
     max_views: int = 150
     every: int | None = None
     strict: bool = False
@@ -112,7 +114,7 @@ def looking(source: Source, target: str | PathLike[str] | Target | None, look: L
             _log.warning("%s", problem)
         for note in recording.notes:
             _log.info("note: %s", note)
-        topics = named_topics(recording, look.topics)
+        topics = named_topics(recording, look.topics, look.camera)
         for topic in topics.values():
             if len(folders := recording.folders(topic)) > 1:
                 _log.info("note: %s are taken for one camera, %s", ", ".join(map(str, folders)), topic)

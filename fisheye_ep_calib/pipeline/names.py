@@ -15,9 +15,21 @@ _LONGEST = 200  # bytes: file systems take 255, and endings are to come
 Topics = Mapping[str, str] | Sequence[str] | str | None
 
 
-def named_topics(recording: Recording, topics: Topics = None) -> dict[str, str]:
-    """Camera name → topic: those given, the only image topic, or every folder of images. Raises InputError."""
+def named_topics(recording: Recording, topics: Topics = None, camera: str = "") -> dict[str, str]:
+    """Camera name → topic: those given, the only image topic, or every folder of images. Raises InputError.
+
+    camera: of several topics the one that a camera of this name would have. A name given for a topic does too.
+    """
+    topics_there = [topic.name for topic in recording.image_topics()]
+
+    def of_camera(name: str) -> str | None:
+        alike = [topic for topic in topics_there if camera_name(topic) == name]
+        return alike[0] if len(alike) == 1 else None
+
     named = checked_topics(topics)
+    named = {name: topic if topic in topics_there else of_camera(topic) or topic for name, topic in named.items()}
+    if not named and camera and (topic := of_camera(camera)):
+        return {camera: topic}
     chosen = choose_topics(recording, tuple(named.values()), several=True)
     return named or dict(zip(numbered_alike(map(camera_name, chosen)), chosen, strict=True))
 

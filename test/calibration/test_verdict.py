@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +38,19 @@ def test_the_papers_camera() -> None:
     result = calibrate(paper_views(1.0, 100))
     assert result.entrance_pupil_supported and result.model == "ep_odd"
     assert result.pupil_verdict.answer == SUPPORTED and result.pupil_verdict.ratio > 10
+    told = pupil_sentence(result)
+    assert "clustered test p = " in told and "mm farther from the scene" in told
+    assert "views left out of the fit are predicted " in told and "better than by a single viewpoint" in told
+
+
+def test_a_lens_pupil_is_told_of_its_rays() -> None:
+    """Where E is clearest against its σ: the truth lies within the band that is told."""
+    result = calibrate(observe(CAMERA, BOARD, paper_poses(BOARD, 1), 0.1, 1), "ep_even")
+    said = re.search(r"rays (\d+)° off the axis enter ([\d.]+) ± ([\d.]+) mm nearer the scene", pupil_sentence(result))
+    assert said is not None
+    angle, shift, sigma = (float(number) for number in said.groups())
+    assert shift == pytest.approx(-1e3 * float(CAMERA.entrance_pupil(np.radians(angle))), abs=4 * sigma)
+    assert 0 < sigma < 0.2 * shift and angle <= np.degrees(result.camera.theta_max)
 
 
 def test_a_fiftieth_of_the_papers_shift_is_doubtful_and_kept() -> None:

@@ -64,6 +64,9 @@ def test_evaluate_reads_a_bag_too(command, recording, tmp_path) -> None:
     made = command("calibrate", *words, "--model", "ep_even", "--all", "--no-report", "--json").json["cameras"]["left"]
     found = command("evaluate", made["yaml"], *words, "--all", "--json").json
     assert found["views"] >= 10 and found["rms_px"] < 0.2
+    alone = (*words[:3], "--workers", 1, "--all", "--json")  # of two cameras the one that the file's is called
+    assert command("evaluate", made["yaml"], *alone).json == found
+    assert command("evaluate", made["yaml"], *alone, "--topic", "left").json == found
     other = ("--topic", "/right/image_raw")
     worse = command("evaluate", made["yaml"], *words[:3], *other, "--workers", 1, "--all", "--json").json
     assert worse["rms_px"] > 5 * found["rms_px"]

@@ -27,3 +27,9 @@ class Finding:
     def title(self) -> str:
         """The name as a person reads it."""
         return _TITLES.get(self.name, self.name.replace("_", " "))
+
+    @property
+    def line(self) -> str:
+        """Title and sentence; the sentence alone where it begins with the title."""
+        begins = self.sentence.lower().removeprefix("the ").startswith(self.title.lower())
+        return self.sentence if begins else f"{self.title}: {self.sentence}"
