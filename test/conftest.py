@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command_line import Ended
+
+from fisheye_ep_calib.cli import main
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -17,3 +21,23 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no calibration data at {folder}; set FISHEYE_EP_CALIB_DATA to the folder that has it")
     return folder
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, capsys) -> Callable[..., Ended]:
+    """Commands as a user calls them, in this process and an empty folder.
+
+    An exception that is not turned into a line fails the test.
+    """
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words) -> Ended:
+        capsys.readouterr()
+        try:
+            code = main([str(word) for word in words])
+        except SystemExit as end:  # argparse
+            code = end.code
+        printed = capsys.readouterr()
+        return Ended(code, printed.out, printed.err)
+
+    return run

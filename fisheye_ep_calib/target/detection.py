@@ -38,6 +38,17 @@ class Detection:
         return len(self.point_index)
 
 
+class RowsOfPoints(Protocol):
+    """What is asked of every target whose points stand in columns and rows: points (n, 3), metres, and their counts."""
+
+    @property
+    def object_points(self) -> np.ndarray: ...
+    @property
+    def columns(self) -> int: ...
+    @property
+    def rows(self) -> int: ...
+
+
 class Detector(Protocol):
     """Finds one target. Stateless between images, so that workers can share it."""
 

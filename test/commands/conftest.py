@@ -2,35 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Ended
 from known_scenes import seen_board
 from small_recording import write_small_recording
 
 from fisheye_ep_calib.cli import main
 from fisheye_ep_calib.storage.observation_file import save_observations
-
-
-@pytest.fixture
-def command(tmp_path, monkeypatch, capsys) -> Callable[..., Ended]:
-    """Runs in an empty folder. An exception that is not turned into a line fails the test."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words) -> Ended:
-        capsys.readouterr()
-        try:
-            code = main([str(word) for word in words])
-        except SystemExit as end:  # argparse
-            code = end.code
-        said = capsys.readouterr()
-        return Ended(code, said.out, said.err)
-
-    return run
 
 
 @pytest.fixture(scope="session")

@@ -5,17 +5,14 @@ Entries are read from the registries when tests are collected. A new part needs 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import pytest
-from command_line import Ended
 from registered_targets import target_files
 
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
 from fisheye_ep_calib.camera.extras import HELD_EXTRAS
 from fisheye_ep_calib.camera.lenses import HELD_LENSES
-from fisheye_ep_calib.cli import main
 from fisheye_ep_calib.formats import FORMATS
 from fisheye_ep_calib.rectification.projections import PROJECTIONS
 from fisheye_ep_calib.storage.sources.find import BAG_FORMATS
@@ -60,20 +57,3 @@ def board(request) -> Board:
     kind, name = request.param
     keys = target_files(kind)[name]
     return Board(parse_target(keys, f"{name}.yaml", name), keys)
-
-
-@pytest.fixture
-def command(tmp_path, monkeypatch, capsys) -> Callable[..., Ended]:
-    """Runs in an empty folder, in this process. An exception that is not turned into a line fails the test."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words) -> Ended:
-        capsys.readouterr()
-        try:
-            code = main([str(word) for word in words])
-        except SystemExit as end:  # argparse
-            code = end.code
-        said = capsys.readouterr()
-        return Ended(code, said.out, said.err)
-
-    return run

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from image_messages import image_message
 from rosbags.typesys import Stores, get_typestore
 
 from fisheye_ep_calib.errors import InputError
@@ -18,23 +19,6 @@ def scene(width=64, height=48) -> np.ndarray:
     """A smooth grey image, so that chroma subsampling and demosaicing leave it as it was."""
     v, u = np.mgrid[:height, :width]
     return (40 + 1.5 * u + 1.2 * v).astype(np.uint8)
-
-
-def image_message(samples, encoding, width, height, big_endian=False, padding=0, data_type=bytes):
-    """A message with the attributes of sensor_msgs/Image; samples (h, w, ...) of 8 or 16 bits."""
-    samples = np.asarray(samples)
-    if samples.dtype == np.uint16:
-        samples = samples.astype(">u2" if big_endian else "<u2")
-    rows = samples.reshape(samples.shape[0], -1).view(np.uint8)
-    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
-    return SimpleNamespace(
-        height=height,
-        width=width,
-        encoding=encoding,
-        is_bigendian=int(big_endian),
-        step=rows.shape[1],
-        data=data_type(rows.tobytes()),
-    )
 
 
 def colour_samples(grey, channels, depth):

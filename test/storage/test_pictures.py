@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from image_messages import image_message
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.images import LAYOUTS
@@ -21,19 +22,8 @@ def scene(height: int = 24, width: int = 32) -> np.ndarray:
     return np.tile(BLUE_GREEN_RED, (height, width, 1)).astype(np.uint8)
 
 
-def message(samples: np.ndarray, encoding: str, height: int = 24, width: int = 32, big_endian: bool = False):
-    rows = np.ascontiguousarray(samples).reshape(samples.shape[0], -1)
-    if big_endian:
-        rows = rows.byteswap()
-    rows = rows.view(np.uint8)
-    return SimpleNamespace(
-        height=height,
-        width=width,
-        encoding=encoding,
-        is_bigendian=int(big_endian),
-        step=rows.shape[1],
-        data=rows.tobytes(),
-    )
+def message(samples: np.ndarray, encoding: str, big_endian: bool = False):
+    return image_message(samples, encoding, 32, 24, big_endian)
 
 
 @pytest.mark.parametrize("big_endian", [False, True])

@@ -31,7 +31,7 @@ def poses_from_rays(
     robust: start from the best of many small samples (Fischler and Bolles' consensus) instead of all sightings.
     """
     if board.planar:
-        return _planar_poses(rays, object_points, used, board.axes, board.middle, solutions, robust)
+        return _poses(rays, object_points, used, board.axes, board.middle, solutions, robust, flat=True)
     poses = np.tile(np.eye(4), (used.shape[0], 1, 1))
     for view in range(used.shape[0]):
         points = object_points[:, view][:, used[view]].T
@@ -39,11 +39,9 @@ def poses_from_rays(
         _, extent, rows = np.linalg.svd(points - middle, full_matrices=True)
         rows[2] *= np.sign(np.linalg.det(rows))
         selected = (slice(None), slice(view, view + 1))
-        flat = extent[2] < 1e-3 * extent[0]
-        solve = _planar_poses if flat else _spatial_poses
-        poses[view] = solve(
-            rays[selected], object_points[selected], used[view : view + 1], rows.T, middle, solutions, robust
-        )[0]
+        flat = bool(extent[2] < 1e-3 * extent[0])
+        own = used[view : view + 1]
+        poses[view] = _poses(rays[selected], object_points[selected], own, rows.T, middle, solutions, robust, flat)[0]
     return poses
 
 
@@ -162,7 +160,7 @@ def _consensus_weights(rays: np.ndarray, homogeneous: np.ndarray, used: BoolArra
     return agreeing.astype(float)
 
 
-def _planar_poses(
+def _poses(
     rays: np.ndarray,
     object_points: np.ndarray,
     used: np.ndarray,
@@ -170,32 +168,30 @@ def _planar_poses(
     middle: np.ndarray,
     solutions: int,
     robust: bool,
+    flat: bool,
 ) -> np.ndarray:
+    """camera_from_target (B, 4, 4). axes (3, 3), middle (3,): of the points. flat: they lie in a plane."""
     local, offset, scale = _normalised(object_points, used, axes, middle)
-    homogeneous = np.stack([local[0], local[1], np.ones_like(local[0])])
-    homography = _smallest_solution(rays, homogeneous, used, solutions, robust)
+    points = np.concatenate([local[:2] if flat else local, np.ones_like(local[:1])])
+    solution = _smallest_solution(rays, points, used, solutions, robust)
+    rotation, translation = _of_homography(solution) if flat else _of_projection(solution)
+    return _pose(rotation, translation * scale[:, None], axes, middle, offset)
+
+
+def _of_homography(homography: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations and translations from H = (r₁ r₂ t) (B, 3, 3), each up to a factor."""
     first, second, third = (homography[..., i] for i in range(3))
     length = 0.5 * (np.linalg.norm(first, axis=-1) + np.linalg.norm(second, axis=-1))
     length = np.maximum(length, 1e-12)[:, None]
     matrix = np.stack([first / length, second / length, np.cross(first, second) / length**2], axis=-1)
-    return _pose(nearest_rotation(matrix), third / length * scale[:, None], axes, middle, offset)
+    return nearest_rotation(matrix), third / length
 
 
-def _spatial_poses(
-    rays: np.ndarray,
-    object_points: np.ndarray,
-    used: np.ndarray,
-    axes: np.ndarray,
-    middle: np.ndarray,
-    solutions: int,
-    robust: bool,
-) -> np.ndarray:
-    local, offset, scale = _normalised(object_points, used, axes, middle)
-    solution = _smallest_solution(rays, np.concatenate([local, np.ones_like(local[:1])]), used, solutions, robust)
-    length = np.cbrt(np.linalg.det(solution[..., :3]))[:, None]
+def _of_projection(projection: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations and translations from (R t) (B, 3, 4), each up to a factor."""
+    length = np.cbrt(np.linalg.det(projection[..., :3]))[:, None]
     length = np.where(np.abs(length) < 1e-12, 1e-12, length)
-    rotation = nearest_rotation(solution[..., :3] / length[..., None])
-    return _pose(rotation, solution[..., 3] / length * scale[:, None], axes, middle, offset)
+    return nearest_rotation(projection[..., :3] / length[..., None]), projection[..., 3] / length
 
 
 def _pose(

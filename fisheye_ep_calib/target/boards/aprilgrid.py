@@ -69,6 +69,10 @@ class AprilGrid(Target):
         points[:, :2] = (grid // 2) * (tag_size + tag_gap) + (grid % 2) * tag_size
         return AprilGrid(name, points, None, columns, rows, tag_size, tag_gap, first_tag)
 
+    def transposed(self) -> AprilGrid:
+        """With columns and rows exchanged."""
+        return AprilGrid.create(self.name, self.rows, self.columns, self.tag_size, self.tag_gap, self.first_tag)
+
     @property
     def tag_points(self) -> np.ndarray:
         """Point indices (tags, 4): each tag's corners bottom left, bottom right, top right, top left."""

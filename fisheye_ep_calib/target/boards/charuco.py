@@ -67,6 +67,10 @@ class Charuco(Target):
         points = rectangular_grid(columns, rows, spacing, spacing)
         return Charuco(name, points, None, columns, rows, spacing, marker_size, dictionary, legacy)
 
+    def laid_out(self, columns: int, rows: int, legacy: bool) -> Charuco:
+        """The same squares and markers in other numbers, or in OpenCV's other layout."""
+        return Charuco.create(self.name, columns, rows, self.spacing, self.marker_size, self.dictionary, legacy)
+
     @property
     def white_first(self) -> bool:
         """Whether the top-left square is white."""

@@ -19,7 +19,7 @@ from fisheye_ep_calib.target.corners.guidance import find_guided
 from fisheye_ep_calib.target.corners.measurement import Surroundings
 from fisheye_ep_calib.target.corners.refinement import looks_like_corner, refine_corners
 from fisheye_ep_calib.target.corners.saddle_fit import fit_saddles
-from fisheye_ep_calib.target.detection import Detection, check_image
+from fisheye_ep_calib.target.detection import Detection, RowsOfPoints, check_image
 from fisheye_ep_calib.target.labelling import Placement, label_patch
 from fisheye_ep_calib.target.sharpness import why_not
 
@@ -46,15 +46,9 @@ def _calib_targets() -> ModuleType | None:
     return calib_targets
 
 
-class InnerCorners(Protocol):
+class InnerCorners(RowsOfPoints, Protocol):
     """What is looked for (boards/chessboard.py): points row by row, spacing and row_spacing in metres."""
 
-    @property
-    def object_points(self) -> np.ndarray: ...
-    @property
-    def columns(self) -> int: ...
-    @property
-    def rows(self) -> int: ...
     @property
     def spacing(self) -> float: ...
     @property

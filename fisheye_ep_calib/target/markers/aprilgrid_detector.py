@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from fisheye_ep_calib.target.corners.measurement import Surroundings
+from fisheye_ep_calib.target.detection import RowsOfPoints
 from fisheye_ep_calib.target.markers.arrangement import Reading
 from fisheye_ep_calib.target.markers.aruco import APRILGRID_BORDER, APRILGRID_DICTIONARY
 from fisheye_ep_calib.target.markers.board_detector import MarkerBoardDetector
@@ -17,15 +18,9 @@ KALIBR_ORDER = np.array([1, 0, 3, 2])
 TAG_CELLS = 10
 
 
-class GridOfTags(Protocol):
+class GridOfTags(RowsOfPoints, Protocol):
     """What is looked for (boards/aprilgrid.py): numbers of tags, lengths in metres, the corners of each tag."""
 
-    @property
-    def object_points(self) -> np.ndarray: ...
-    @property
-    def columns(self) -> int: ...
-    @property
-    def rows(self) -> int: ...
     @property
     def tag_size(self) -> float: ...
     @property
@@ -34,10 +29,7 @@ class GridOfTags(Protocol):
     def first_tag(self) -> int: ...
     @property
     def tag_points(self) -> np.ndarray: ...
-    @staticmethod
-    def create(
-        name: str, columns: int, rows: int, tag_size: float, tag_gap: float, first_tag: int = 0
-    ) -> GridOfTags: ...
+    def transposed(self) -> GridOfTags: ...
 
 
 class AprilGridDetector(MarkerBoardDetector):
@@ -57,7 +49,7 @@ class AprilGridDetector(MarkerBoardDetector):
             other = tags[grid[::-1].ravel()]
             readings += [Reading(other[:, np.roll(KALIBR_ORDER, turn)], around, fault=fault) for turn in (0, 2)]
         if target.columns != target.rows:
-            turned = target.create("", target.rows, target.columns, target.tag_size, target.tag_gap)
+            turned = target.transposed()
             fault = f"the tags fit columns: {target.rows}, rows: {target.columns}; the file has them the other way"
             other = turned.object_points[:, :2][turned.tag_points]
             readings += [Reading(other[:, np.roll(KALIBR_ORDER, turn)], around, fault=fault) for turn in (0, 2)]

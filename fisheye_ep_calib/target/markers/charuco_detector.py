@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from fisheye_ep_calib.target.corners.measurement import Surroundings
+from fisheye_ep_calib.target.detection import RowsOfPoints
 from fisheye_ep_calib.target.markers.arrangement import Reading
 from fisheye_ep_calib.target.markers.board_detector import MarkerBoardDetector
 from fisheye_ep_calib.target.markers.codebook import codebook
@@ -14,15 +15,9 @@ from fisheye_ep_calib.target.markers.codebook import codebook
 UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
-class SquaresWithMarkers(Protocol):
+class SquaresWithMarkers(RowsOfPoints, Protocol):
     """What is looked for (boards/charuco.py): lengths in metres, markers and squares counted row by row."""
 
-    @property
-    def object_points(self) -> np.ndarray: ...
-    @property
-    def columns(self) -> int: ...
-    @property
-    def rows(self) -> int: ...
     @property
     def spacing(self) -> float: ...
     @property
@@ -37,16 +32,7 @@ class SquaresWithMarkers(Protocol):
     def marker_squares(self) -> np.ndarray: ...
     @property
     def tag_corners(self) -> np.ndarray: ...
-    @staticmethod
-    def create(
-        name: str,
-        columns: int,
-        rows: int,
-        spacing: float,
-        marker_size: float,
-        dictionary: str,
-        legacy: bool = False,
-    ) -> SquaresWithMarkers: ...
+    def laid_out(self, columns: int, rows: int, legacy: bool) -> SquaresWithMarkers: ...
 
 
 class CharucoDetector(MarkerBoardDetector):
@@ -55,18 +41,14 @@ class CharucoDetector(MarkerBoardDetector):
     def __init__(self, target: SquaresWithMarkers) -> None:
         self.target = target
         readings = [_reading(target)]
-
-        def board(columns: int, rows: int, legacy: bool) -> SquaresWithMarkers:
-            return target.create("", columns, rows, target.spacing, target.marker_size, target.dictionary, legacy)
-
         if target.rows % 2 == 1:  # an even number of square rows: the two layouts differ
             remark = f"the markers fit legacy: {str(not target.legacy).lower()}, and were taken so"
-            readings.append(_reading(board(target.columns, target.rows, not target.legacy), remark))
+            readings.append(_reading(target.laid_out(target.columns, target.rows, not target.legacy), remark))
         if target.columns != target.rows:
             columns, rows = target.rows, target.columns
             fault = f"the markers fit columns: {columns}, rows: {rows}; the file has them the other way"
             for legacy in (target.legacy, not target.legacy):
-                turned = board(columns, rows, legacy)
+                turned = target.laid_out(columns, rows, legacy)
                 if len(turned.marker_squares) >= len(target.marker_squares):
                     readings.append(_reading(turned, fault=fault))
         super().__init__(
