@@ -22,6 +22,7 @@ from fisheye_ep_calib.ros.calibrator_parameters import declare, tuning, web
 from fisheye_ep_calib.ros.driver_commit import PATIENCE, DriverCommit
 from fisheye_ep_calib.ros.image_intake import ImageIntake
 from fisheye_ep_calib.ros.node_announcer import announcer_of
+from fisheye_ep_calib.ros.parameter_names import with_parameters
 from fisheye_ep_calib.ros.parameter_table import ParameterTable, node_with_what_was_given
 from fisheye_ep_calib.ros.patient_node import PatientNode
 from fisheye_ep_calib.ros.quality import LATCHED
@@ -130,7 +131,7 @@ class CalibratorNode:
         try:
             return PageServer(content, settings, logger.info)
         except CalibrationError as error:
-            logger.warning(f"no page to look at: {error}")
+            logger.warning(with_parameters(f"no page to look at: {error}"))
             return None
 
     def _commit(self, live: LiveCalibrator, only: str | None = None) -> Answer:

@@ -40,15 +40,16 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 async def serve(
-    content: PageContent, pictures: LatestPictures, access: Access, listening: socket.socket, ended: asyncio.Event
+    content: PageContent, pictures: LatestPictures, access: Access, listening: socket.socket, stopped: socket.socket
 ) -> None:
-    """Serve until ended is set."""
+    """Serve until the other end of ``stopped`` is closed."""
+    stopped.setblocking(False)
     logging.getLogger("aiohttp").setLevel(logging.CRITICAL)  # the node's log is the one that is read
     application = Application(content, pictures, access)
     runner = web.AppRunner(application.app, access_log=None, shutdown_timeout=0.1)
     await runner.setup()
     await web.SockSite(runner, listening).start()
-    await ended.wait()
+    await asyncio.get_running_loop().sock_recv(stopped, 1)
     application.end()
     await runner.cleanup()
 

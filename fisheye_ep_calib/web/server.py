@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib.util
+import select
 import socket
 import threading
 from collections.abc import Callable
@@ -31,8 +32,7 @@ class PageServer:
         self._access = Access(settings.local)
         self._pictures = LatestPictures()
         self._socket = _listen(settings)
-        self._loop = asyncio.new_event_loop()
-        self._ended = asyncio.Event()
+        self._stopping, self._stopped = socket.socketpair()
         self._thread = threading.Thread(target=self._run, daemon=True, name="page")
         self._thread.start()
         say(f"the page to look at: {self._url(settings)}")
@@ -47,10 +47,8 @@ class PageServer:
 
     def stop(self) -> None:
         """End at once; whoever looks is cut off."""
-        if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._ended.set)
-            self._thread.join(_LONGEST_END)
-        self._socket.close()
+        self._stopping.close()
+        self._thread.join(_LONGEST_END)
 
     def _url(self, settings: WebSettings) -> str:
         port = self._socket.getsockname()[1]
@@ -61,13 +59,14 @@ class PageServer:
         return f"http://{host}:{port}/?token={self._access.token}"
 
     def _run(self) -> None:
-        from fisheye_ep_calib.web.application import serve
+        """Nothing is loaded, and no time taken, until somebody looks for the first time."""
+        with self._socket, self._stopped:
+            ready, _, _ = select.select([self._socket, self._stopped], [], [])
+            if self._stopped in ready:
+                return
+            from fisheye_ep_calib.web.application import serve
 
-        asyncio.set_event_loop(self._loop)
-        try:
-            self._loop.run_until_complete(serve(self.content, self._pictures, self._access, self._socket, self._ended))
-        finally:
-            self._loop.close()
+            asyncio.run(serve(self.content, self._pictures, self._access, self._socket, self._stopped))
 
 
 def _listen(settings: WebSettings) -> socket.socket:

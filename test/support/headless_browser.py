@@ -78,12 +78,16 @@ class HeadlessBrowser:
 
     def open(self, path: Path, width: int = 1280, height: int = 900, dark: bool = False, media: str = "screen") -> None:
         """Load a file from the disk and wait until it is there."""
+        self.visit(path.resolve().as_uri(), width, height, dark, media)
+
+    def visit(self, url: str, width: int = 1280, height: int = 900, dark: bool = False, media: str = "screen") -> None:
+        """Load an address and wait until it is there."""
         phone = width < 600
         self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self._call("Emulation.setEmulatedMedia", media=media, features=scheme)
         self.events.clear()
-        self._call("Page.navigate", url=path.resolve().as_uri())
+        self._call("Page.navigate", url=url)
         self._wait_for("Page.loadEventFired")
 
     def evaluate(self, expression: str):
