@@ -12,6 +12,7 @@ from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.answer import Answer, together
 from fisheye_ep_calib.live.camera import LiveCamera
 from fisheye_ep_calib.live.camera_views import CameraViews, Verdict
+from fisheye_ep_calib.live.check import Check
 from fisheye_ep_calib.live.frame import RawFrame, Sighting, detect_in_frame
 from fisheye_ep_calib.live.kept_images import KeptImages
 from fisheye_ep_calib.live.outcome import Outcome
@@ -57,7 +58,8 @@ class LiveCalibrator:
         self._stopping = threading.Event()
         self._images = KeptImages(settings.output_directory, settings.keep_images, announcer)
         self._owner: FolderOwner | None = None
-        if any(camera.target is not None for camera in settings.cameras):
+        self._checking = settings.check
+        if not settings.check and any(camera.target is not None for camera in settings.cameras):
             self._owner = FolderOwner(settings.output_directory, "the live calibrator")
             self._owner.hold()
         try:
@@ -98,7 +100,7 @@ class LiveCalibrator:
         camera = self.cameras.get(name)
         if camera is None:
             return
-        wanted = not camera.views.full or (self.rig is not None and self.rig.views.wants(name))
+        wanted = self._checking or not camera.views.full or (self.rig is not None and self.rig.views.wants(name))
         if not wanted and not self._listener.wanted_pictures(name):
             camera.views.count(received=1)
             return
@@ -205,7 +207,10 @@ class LiveCalibrator:
                 self.cameras[settings.name].follow(outcome.advice.plan)
             self._listener.calibrated(settings.name, outcome)
 
-        return LiveCamera(views, settings.model, workplace, tell, settings.initial)
+        check = None
+        if self._checking and settings.initial is not None:
+            check = Check(settings.name, views.target, settings.initial, self.pool, self._announcer)
+        return LiveCamera(views, settings.model, workplace, tell, settings.initial, check)
 
     def _subjects(self) -> list[Subject[Any]]:
         return [*self.cameras.values(), *([] if self.rig is None else [self.rig])]
@@ -246,7 +251,11 @@ class LiveCalibrator:
             self._announcer.mention(f"{name} unreadable", f"{name}: a frame is skipped: {error}")
             return
         try:
-            verdict = views.consider(sighting, generation)
+            if camera.check is None:
+                verdict = views.consider(sighting, generation)
+            else:
+                views.count(searched=1, detected=int(len(sighting.detection) > 0))
+                verdict = camera.check.take(sighting)
         except CalibrationError as failure:
             camera.not_written(failure)
             verdict = Verdict.KEPT
@@ -294,8 +303,8 @@ def _views_of(settings: Settings, tuning: Tuning, announcer: Announcer, images: 
             continue
         file = settings.output_directory / f"{camera.name}.npz"
         views = CameraViews(camera.name, camera.target, file, tuning.limits)
-        resumed = views.start(settings.resume)
-        if not settings.resume:
+        resumed = 0 if settings.check else views.start(settings.resume)
+        if not (settings.resume or settings.check):
             images.set_aside(camera.name)
         if resumed:
             announcer.info(f"{camera.name}: going on with {resumed} views from {file}")

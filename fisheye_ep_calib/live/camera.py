@@ -10,6 +10,7 @@ from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.advice import Wanted, first_plan
 from fisheye_ep_calib.live.answer import Answer, Promise
 from fisheye_ep_calib.live.camera_views import CameraViews, Verdict
+from fisheye_ep_calib.live.check import Check
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.live.guide import Guide
 from fisheye_ep_calib.live.look import Looks
@@ -41,10 +42,14 @@ class LiveCamera(Subject[Outcome]):
         workplace: Workplace,
         tell: Callable[[Outcome | None], None],
         initial: Outcome | None = None,
+        check: Check | None = None,
     ) -> None:
-        """model: to fit. tell, initial: as for every Subject. Its file lies beside that of the views."""
+        """check: holds what is seen against ``initial``; nothing is calibrated then.
+
+        model: to fit. tell, initial: as for every Subject. Its file lies beside that of the views."""
         super().__init__(views.name, workplace, tell, initial)
         self.views = views
+        self.check = check
         self.camera_file = views.file.with_name(f"{views.name}.yaml")
         self.seeing, self.guide, self.looks = Seeing(), Guide(), Looks()
         self._model = model
@@ -70,9 +75,11 @@ class LiveCamera(Subject[Outcome]):
         return Basis(self.views.generation, len(self.views.kept))
 
     def enough(self, basis: Basis) -> bool:
-        return len(self.views.kept) >= self._workplace.tuning().minimum_views
+        return self.check is None and len(self.views.kept) >= self._workplace.tuning().minimum_views
 
     def arguments(self, basis: Basis) -> tuple[Any, ...]:
+        if self.check is not None:
+            raise CalibrationError("the camera is only checked: set `check` to false to calibrate it")
         observations = self.views.observations()
         sight, tried = self.seeing.sight(), self.guide.tried
         return observations, self._model, self.name, str(self.views.file), self._board, sight, tried

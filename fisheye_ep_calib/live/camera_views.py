@@ -26,6 +26,7 @@ class Verdict(Enum):
     OTHER_SIZE = "image of another size"
     FULL = "as many views as wanted"
     FORGOTTEN = "from before a reset"
+    CHECKED = "held against the calibration"
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ class Event(Enum):
     TOO_FEW_POINTS = "too few points"
     BLURRED = "blurred"
     NOT_NEW = "not new"
+    CHECKED = "checked"
     FULL = "enough views"
     OTHER_SIZE = "other size"
     NOT_FOUND = "no target"
@@ -31,6 +32,7 @@ _EVENTS = {
     Verdict.OTHER_SIZE: Event.OTHER_SIZE,
     Verdict.NOT_FOUND: Event.NOT_FOUND,
     Verdict.FORGOTTEN: Event.NONE,
+    Verdict.CHECKED: Event.CHECKED,
 }
 _WEIGHT = {event: weight for weight, event in enumerate(reversed(Event))}
 

@@ -57,7 +57,8 @@ class RigSettings:
 class Settings:
     """The whole calibrator. workers: processes that detect and calibrate. rig: None: cameras stay by themselves.
 
-    keep_images: store the images of the views that are kept.
+    keep_images: store the images of the views that are kept. check: hold cameras against the calibrations that they
+    have, and keep and calibrate nothing.
     """
 
     cameras: tuple[CameraSettings, ...]
@@ -66,6 +67,7 @@ class Settings:
     workers: int
     rig: RigSettings | None = None
     keep_images: bool = False
+    check: bool = False
 
 
 @dataclass(frozen=True)

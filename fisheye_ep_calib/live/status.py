@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.words import BAD, CAUTION, GOOD
 from fisheye_ep_calib.live.camera import LiveCamera
+from fisheye_ep_calib.live.check import CheckResult
 from fisheye_ep_calib.live.look import Look
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.rig import LiveRig
@@ -82,15 +84,29 @@ def camera_status(camera: LiveCamera, reception: Reception, warnings: list[str],
         "goal_reached": camera.reached(tuning),
         "say": say(camera, tuning),
         "wanted": _wanted(camera),
+        "check": None if camera.check is None or camera.check.result is None else camera.check.result.figures,
         **_event(camera.looks.since_asked()),
         **_standing(camera.unwritten, outcome, warnings),
     }
     if reception.silent:
         return Status(camera.name, Level.STALE, f"no image on {reception.topic}", "start the camera", values)
+    if camera.check is not None:
+        return _checked(camera, camera.check.result, values, warnings)
     message = f"calibrated ({outcome.figures['model']})" if outcome is not None else "collecting"
     findings = () if outcome is None or outcome.advice is None else outcome.advice.findings
     level, message = _level([*warnings, *findings], f"{message}, {views} views")
     return Status(camera.name, level, message, next_step(camera, tuning), values)
+
+
+def _checked(camera: LiveCamera, result: CheckResult | None, values: dict[str, Any], warnings: list[str]) -> Status:
+    """Of a camera that is only held against its calibration."""
+    pose = camera.guide.wanted
+    following = "hold the target before the camera" if pose is None else pose.sentence
+    if result is None:
+        return Status(camera.name, *_level(warnings, "nothing checked yet"), following, values)
+    levels = {GOOD: Level.OK, CAUTION: Level.WARN, BAD: Level.ERROR}
+    following = "calibrate the camera anew" if result.level == BAD else following
+    return Status(camera.name, levels[result.level], result.sentence, following, values)
 
 
 def _wanted(camera: LiveCamera) -> dict[str, Any] | None:
@@ -174,6 +190,8 @@ def next_step(camera: LiveCamera, tuning: Tuning) -> str:
 def say(camera: LiveCamera, tuning: Tuning) -> str:
     """What to do now in as few words as a person two metres away can read."""
     outcome, wanted = camera.outcome, camera.guide.wanted
+    if camera.check is not None and camera.check.result is not None:
+        return camera.check.result.sentence
     if camera.views.full:
         return "enough views: save" if outcome is not None and outcome.advice is not None else "enough views: calibrate"
     if camera.reached(tuning):

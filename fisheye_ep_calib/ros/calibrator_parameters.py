@@ -29,6 +29,7 @@ NODE = (
     Entry("output_directory", "calibration", "Folder for <camera>.yaml and <camera>.npz."),
     Entry("resume", True, "Go on with the views of an earlier run; false sets them aside."),
     Entry("keep_images", False, "Store the images of kept views as PNG, in images/<camera> of the output_directory."),
+    Entry("check", False, "Hold cameras against their camera_file by what they see of the target; calibrate nothing."),
     Entry("rig", False, "Find where the cameras are to each other; the first one is the reference."),
     Entry("rig_tolerance", 0.01, "Seconds within which images of two cameras are of the same time.", 0.0, 10.0),
     Entry("rig_views", 40, "Common views of two cameras that are kept even if one camera needs no more.", 3, 10000),
@@ -71,6 +72,8 @@ def declare(table: ParameterTable) -> Settings:
     for name in names:
         table.declare(CAMERA, prefix=name)
     cameras = tuple(_camera(table, name) for name in names)
+    if table["check"]:
+        _refuse_to_check(table, cameras)
     return Settings(
         cameras=cameras,
         output_directory=Path(table["output_directory"]).expanduser(),
@@ -78,6 +81,7 @@ def declare(table: ParameterTable) -> Settings:
         workers=table["workers"],
         rig=_rig(table, cameras) if table["rig"] else None,
         keep_images=table["keep_images"],
+        check=table["check"],
     )
 
 
@@ -97,6 +101,17 @@ def tuning(table: ParameterTable) -> Tuning:
 def web(table: ParameterTable) -> WebSettings | None:
     """Where to serve the page; None where it is not wanted."""
     return WebSettings(table["web_address"], table["web_port"]) if table["web"] else None
+
+
+def _refuse_to_check(table: ParameterTable, cameras: tuple[CameraSettings, ...]) -> None:
+    """What cannot be checked."""
+    if table["rig"]:
+        raise InputError("parameter check: cameras are checked each by itself; leave out rig")
+    for camera in cameras:
+        if camera.initial is None:
+            raise InputError(f"parameter {camera.name}.camera_file: say which calibration is to be checked")
+        if camera.target is None:
+            raise InputError(f"parameter {camera.name}.target: say which target file (YAML) the camera sees")
 
 
 def _rig(table: ParameterTable, cameras: tuple[CameraSettings, ...]) -> RigSettings:

@@ -99,18 +99,20 @@ class PageContent:
 
 def _now(camera: LiveCamera) -> dict[str, Any]:
     look, steering, views = camera.looks.last, camera.guide.steering, camera.views
+    shown = views.kept if camera.check is None else camera.check.views
     return {
         "look": {
             "number": look.number,
             "event": look.event.value,
             "points": look.points,
             "of": len(views.target.object_points),
-            "view": len(views.kept),
+            "view": len(shown),
         },
         "move": None if steering is None or views.full else steering.sentence,
         "calibrations": camera.standing.number,
-        "views": len(views.kept),
-        "version": f"{views.generation}.{len(views.kept)}.{camera.standing.number}",
+        "views": len(shown),
+        "version": f"{views.generation}.{shown[-1].name if shown else 0}.{camera.standing.number}",
+        "checking": camera.check is not None,
     }
 
 
@@ -135,7 +137,7 @@ def _covered(camera: LiveCamera) -> dict[str, Any]:
     y, x = np.mgrid[0:rows, 0:columns]
     middles = np.stack([(x + 0.5) / columns * size[0], (y + 0.5) / rows * size[1]], axis=-1) - 0.5
     cells = camera.seeing.sight().shows(middles, size).astype(int)
-    kept = camera.views.kept
+    kept = camera.views.kept if camera.check is None else camera.check.views
     for view in kept:
         place = np.clip(
             ((view.pixels + 0.5) * [columns, rows] / np.array(size)).astype(int), 0, [columns - 1, rows - 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import time
@@ -9,11 +10,17 @@ from pathlib import Path
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from live_processes import LATCHED, wait_for
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+
+from fisheye_ep_calib.calibration import calibrate
+from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses
+from fisheye_ep_calib.storage.camera_file import save_camera
+from fisheye_ep_calib.target import load_target
 
 pytestmark = pytest.mark.live
 
@@ -78,6 +85,7 @@ def test_a_calibration_without_views_says_so(start_calibrator, probe, tmp_path) 
         ({"cameras": "[front]", "target": TARGET, "model": "pinhole"}, "kannala"),
         ({"cameras": "[front]", "target": TARGET, "novelty__size": "-1.0"}, "Max: 10.0"),
         ({"cameras": "[front]", "target": TARGET, "front__transport": "theora"}, "raw, compressed"),
+        ({"cameras": "[front]", "target": TARGET, "check": "true"}, "front.camera_file"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -112,3 +120,35 @@ def test_ctrl_c_in_a_terminal_right_after_the_start(start_calibrator, tmp_path, 
     assert time.monotonic() - began < 2.0
     calibrator.end()
     assert "Traceback" not in calibrator.output and "KeyboardInterrupt" not in calibrator.output
+
+
+def test_a_calibration_is_checked_live(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
+    """The camera as it is holds; one whose centre is elsewhere does not, and is an error in diagnostics."""
+    observed = observe(paper_camera(), load_target(TARGET), paper_poses(load_target(TARGET)), 0.03, 1)
+    before = tmp_path / "before.yaml"
+    save_camera(before, calibrate(observed, model="ep_odd"), "front", "simulated")
+    wrong = tmp_path / "wrong.yaml"
+    content = yaml.safe_load(before.read_text())
+    content["entrance_pupil"]["intrinsics"]["cx"] += 6.0
+    wrong.write_text(yaml.safe_dump(content))
+    node = start_calibrator(
+        cameras="[front, moved]", target=TARGET, output_directory=tmp_path / "results", check="true",
+        front__camera_file=before, moved__camera_file=wrong, moved__topic="/front/image_raw",
+    )  # fmt: skip
+    statuses = probe.collect(String, "/calibrator/status", LATCHED, limit=5)
+    diagnostics = probe.collect(DiagnosticArray, "/diagnostics", RELIABLE, limit=5)
+    start_publisher(rendered, 3, "/front/image_raw")
+
+    def checked() -> dict:
+        cameras = json.loads(statuses[-1].data)["cameras"] if statuses else {}
+        return cameras if all((camera["check"] or {}).get("views", 0) >= 5 for camera in cameras.values()) else {}
+
+    cameras = wait_for(checked, "both cameras to be checked")
+    assert cameras["front"]["level"] in ("OK", "WARN") and "the calibration holds" in cameras["front"]["message"]
+    assert cameras["moved"]["level"] == "ERROR" and "no longer holds" in cameras["moved"]["message"]
+    assert cameras["moved"]["next"] == "calibrate the camera anew"
+    assert len(cameras["front"]["check"]["by_angle"]) >= 3 and cameras["front"]["views"] == 0
+    wait_for(lambda: diagnostics and diagnostics[-1].status[1].level == b"\x02", "the error in diagnostics")
+    assert node.said("moved: the calibration no longer holds")
+    assert "only checked" in probe.call(Trigger, "/calibrator/calibrate").message
+    assert node.interrupt()[0] == 0 and not (tmp_path / "results").exists()

@@ -142,8 +142,6 @@ def test_where_the_page_is_not_wanted_or_cannot_be(start_calibrator, tmp_path, m
     off = start_calibrator(cameras="[front]", target=TARGET, output_directory=tmp_path / "a", web="false")
     off.wait_to_say("nobody publishes")
     assert "the page to look at" not in off.output
-    hidden = tmp_path / "aiohttp.py"
-    hidden.write_text("raise ImportError")
     wrong = start_calibrator(
         cameras="[front]", target=TARGET, output_directory=tmp_path / "b", web_address="no such name.invalid"
     )
@@ -172,7 +170,7 @@ def test_looking_costs_little(start_calibrator, start_publisher, browser, small,
     url = page_of(node)
     start_publisher(small, 10, "/front/image_raw")
     browser.visit(url, width=1366, height=768)
-    wait_for(lambda: status(browser).get("views", 0) >= 12, "all twelve views")  # from now on nothing is new
+    wait_for(lambda: status(browser).get("views", 0) >= 5, "most of what is new")
     costs: dict[bool, list[float]] = {True: [], False: []}
     for turn in range(6):
         opened = turn % 2 == 0
@@ -182,9 +180,8 @@ def test_looking_costs_little(start_calibrator, start_publisher, browser, small,
         time.sleep(15)
         costs[opened].append((cpu_seconds(node.process.pid) - before) / (searched(url) - looks))
     with_page, without = (float(np.median(costs[opened])) for opened in (True, False))
-    print(
-        f"CPU an image: {1e3 * with_page:.0f} ms with the page, {1e3 * without:.0f} ms without: {with_page / without:.3f} ×"
-    )
+    told = f"{1e3 * with_page:.0f} ms with the page, {1e3 * without:.0f} ms without: {with_page / without:.3f} ×"
+    print(f"CPU an image: {told}")
     assert with_page <= 1.15 * without, costs
 
 

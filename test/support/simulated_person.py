@@ -1,4 +1,4 @@
-"""Someone with a board in hand who sees only the page: goes where its outline is, late, not quite, and not holding still."""
+"""Someone with a board in hand who sees only the page: goes where its outline is, late, not quite, never at rest."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ const SIGNS = {
   "too few points": ["few", "Too few points"],
   "blurred": ["blurred", "Blurred"],
   "no target": ["none", "No target"],
+  "checked": ["kept", "Checked ✓"],
   "enough views": ["new", "Enough views"],
   "other size": ["other", "Other image size"],
 };
@@ -77,7 +78,8 @@ function showCamera(name, status) {
   }
   const silent = status.level === "STALE";
   at("say").textContent = sentence(silent ? `no image on ${status.topic}` : status.say ?? "waiting for the first image");
-  at("say").className = silent ? "trouble" : status.goal_reached ? "done" : "";
+  const holds = status.check && status.level === "OK";
+  at("say").className = silent || (status.check && status.level === "ERROR") ? "trouble" : status.goal_reached || holds ? "done" : "";
   showSign(status.look, silent);
   at("move").textContent = !silent && status.move ? sentence(status.move) : "";
   showNumbers(status);
@@ -103,7 +105,30 @@ function showSign(look, silent) {
   sign.replaceChildren(text, ...(more.textContent ? [more] : []));
 }
 
+function showCheck(status) {
+  const check = status.check ?? {};
+  at("views").textContent = status.views;
+  at("views-of").textContent = "views checked";
+  unit(at("rms"), pixels(check.rms_px));
+  unit(at("covered"), pixels(check.expected_rms_px));
+  at("covered-of").textContent = "expected";
+  const worst = (parts) => parts?.length ? Math.max(...parts.map((part) => part.rms_px)) : undefined;
+  unit(at("band"), pixels(worst(check.by_angle)));
+  at("band-of").textContent = "worst ring";
+  at("goal").hidden = true;
+  at("check-box").hidden = !check.by_angle;
+  const cells = [
+    ...(check.by_angle ?? []).map((part) => [`${part.from_deg}–${part.to_deg}° off the axis`, part]),
+    ...(check.by_distance ?? []).map((part) => [`${(100 * part.from_m).toFixed(0)}–${(100 * part.to_m).toFixed(0)} cm away`, part]),
+  ];
+  at("check").replaceChildren(...cells.map(([where, part]) => row(where, `${part.rms_px.toFixed(3)} px`, `${part.points} points`)));
+}
+
 function showNumbers(status) {
+  for (const action of ["calibrate", "save", "reset", "report"]) {
+    document.querySelector(`#camera [data-action=${action}]`).hidden = status.checking;
+  }
+  if (status.checking) { showCheck(status); return; }
   const made = status.calibration ?? {};
   const guidance = status.guidance ?? {};
   at("views").textContent = status.views;
@@ -113,7 +138,7 @@ function showNumbers(status) {
   const band = angle && made.entrance_pupil_mm[angle][1];
   unit(at("band"), band ? length(band) : ["–"]);
   at("band-of").textContent = `σ of E(${angle ?? 60}°)`;
-  unit(at("rms"), made.rms_px === undefined ? ["–"] : [made.rms_px.toFixed(made.rms_px < 1 ? 2 : 1), "px"]);
+  unit(at("rms"), pixels(made.rms_px));
   const goal = at("goal");
   const against = guidance.sigma_against_40_guided;
   const share = status.goal_reached ? 1 : against ? Math.min(0.97, 1.3 / against) : Math.min(0.3, 0.03 * status.views);
@@ -124,7 +149,7 @@ function showNumbers(status) {
 }
 
 function showConcerns(status) {
-  const texts = [...(status.warnings ?? []), ...(status.guidance?.concerns ?? [])];
+  const texts = [...(status.warnings ?? []), ...(status.guidance?.concerns ?? []), ...(status.check?.concerns ?? [])];
   at("concerns-box").hidden = texts.length === 0;
   if (at("concerns").dataset.texts === texts.join("\n")) return;
   at("concerns").dataset.texts = texts.join("\n");
@@ -282,6 +307,7 @@ function ask(text) {
 }
 
 const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+const pixels = (px) => Number.isFinite(px) ? [px.toFixed(px < 1 ? 2 : 1), "px"] : ["–"];
 const length = (mm) => mm < 0.1 ? [(1e3 * mm).toPrecision(2), "µm"] : [mm.toPrecision(2), "mm"];
 const nice = (step) => { const ten = 10 ** Math.floor(Math.log10(step)); return [1, 2, 5, 10].find((one) => one * ten >= step) * ten; };
 
