@@ -22,6 +22,7 @@ from fisheye_ep_calib.pipeline.calibrating import none_calibrated
 from fisheye_ep_calib.pipeline.found_so_far import log_of
 from fisheye_ep_calib.pipeline.looking import LookAgain
 from fisheye_ep_calib.pipeline.options import PASSES, check_fit, fit_options
+from fisheye_ep_calib.pipeline.previous_camera import found_before, previous_file
 from fisheye_ep_calib.pipeline.writing import (
     PAGE,
     RECORD,
@@ -31,6 +32,7 @@ from fisheye_ep_calib.pipeline.writing import (
     write_camera,
     write_observations,
 )
+from fisheye_ep_calib.storage.camera_file import read_camera_file
 from fisheye_ep_calib.storage.json_text import json_text, read_json
 from fisheye_ep_calib.storage.results_folder import results_folder
 
@@ -56,6 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"folder for the results (default: {DEFAULT_OUTPUT}, numbered where it is taken)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace earlier results in DIR")
+    parser.add_argument(
+        "--previous",
+        type=Path,
+        metavar="FILE",
+        help="an earlier camera file, or a folder of them: what has changed since is told (default: the camera of the "
+        "same name in DIR, or in the calibration before)",
+    )
     add_resume_argument(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     add_fit_arguments(parser)
@@ -128,6 +137,8 @@ def check_fit_arguments(arguments: argparse.Namespace) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     check_fit_arguments(arguments)
+    if arguments.previous is not None and not arguments.previous.is_dir():
+        read_camera_file(arguments.previous)  # before the images are looked at
     output = _free_folder(arguments.output)
     _refuse_taken(output, [], arguments)
     log = log_of(output, arguments.resume)
@@ -176,6 +187,8 @@ def _calibrate_all(
         done = calibrate_cameras(cameras, look_again, arguments.model, arguments.passes, on_progress, options)
         for camera, end in done:
             if isinstance(end, CalibratedCamera):
+                if (before := _previous_camera(camera.name, len(cameras) == 1, output, arguments)) is not None:
+                    end = end.since(before)
                 name = write_camera(folder, end, end.camera_source)
                 reports[camera.name] = end.to_dict() | {"yaml": None if name is None else str(output / name)}
                 collected.add(end, reports[camera.name])
@@ -206,11 +219,27 @@ def _free_folder(given: Path | None) -> Path:
     if given is not None:
         refuse_unwritable("--output", given)
         return given
-    number, folder = 1, Path(DEFAULT_OUTPUT)
-    while folder.exists():
+    number = 1
+    while _numbered(number).exists():
         number += 1
-        folder = Path(f"{DEFAULT_OUTPUT}_{number}")
-    return folder
+    return _numbered(number)
+
+
+def _numbered(number: int) -> Path:
+    return Path(DEFAULT_OUTPUT if number == 1 else f"{DEFAULT_OUTPUT}_{number}")
+
+
+def _previous_camera(name: str, alone: bool, output: Path, arguments: argparse.Namespace) -> Path | None:
+    """The camera file that this calibration comes after; None where there is none."""
+    if arguments.previous is not None:
+        return previous_file(arguments.previous, name, alone)
+    if arguments.output is not None:
+        return found_before(output, name)
+    number = 1
+    while _numbered(number) != output:
+        number += 1
+    earlier = (found_before(_numbered(before), name) for before in range(number - 1, 0, -1))
+    return next((path for path in earlier if path is not None), None)
 
 
 def _refuse_taken(output: Path, names: list[str], arguments: argparse.Namespace) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.calibration.words import loss_sentence, pupil_sentence
-from fisheye_ep_calib.pipeline import CameraSource
+from fisheye_ep_calib.pipeline import CalibratedCamera, CameraSource
 
 _MOST_LISTED = 8
 
@@ -30,6 +30,8 @@ def calibration_text(camera: CameraSource, result: CalibrationResult) -> str:
         lines.append(f"  {result.error_budget.sentence}")
     lines += [f"  {'!' if entry.concern else '·'} {entry.line}" for entry in result.diagnosis.findings]
     lines.append(f"  {loss_sentence(result)}")
+    if isinstance(result, CalibratedCamera) and result.change is not None:
+        lines.append(f"  {'!' if result.change.changed else '·'} {result.change.sentence}")
     return "\n".join(lines)
 
 

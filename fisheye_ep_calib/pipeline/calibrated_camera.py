@@ -6,7 +6,7 @@ Figures and pages are imported when they are asked for.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -15,14 +15,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fisheye_ep_calib.calibration import CalibrationResult, Observations, calibrate
+from fisheye_ep_calib.calibration.assessing.camera_change import CameraChange
 from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.content import calibration_content
 from fisheye_ep_calib.calibration.options import AUTO
 from fisheye_ep_calib.calibration.words import Verdict, calibration_verdict
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
+from fisheye_ep_calib.pipeline.known_camera import AnyCamera
 from fisheye_ep_calib.pipeline.options import fit_options, refuse_unknown_options
 from fisheye_ep_calib.pipeline.page_of_words import words_html
+from fisheye_ep_calib.pipeline.previous_camera import change_since
 from fisheye_ep_calib.pipeline.writing import write_cameras
 
 if TYPE_CHECKING:
@@ -34,9 +37,12 @@ _PUPIL_DEGREES = 60.0
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class CalibratedCamera(CalibrationResult):
-    """camera_source: what the camera saw, and where that came from."""
+    """camera_source: what the camera saw, and where that came from. change: since an earlier calibration of it, where
+    there is one.
+    """
 
     camera_source: CameraSource
+    change: CameraChange | None = None
 
     @staticmethod
     def of(
@@ -67,9 +73,14 @@ class CalibratedCamera(CalibrationResult):
         """How good the camera is, why, and what to record next."""
         return calibration_verdict(self)
 
+    def since(self, previous: AnyCamera) -> CalibratedCamera:
+        """This, held against an earlier calibration of the same camera: a camera, its file or its path."""
+        return replace(self, change=change_since(previous, self))
+
     def to_dict(self) -> dict[str, Any]:
         """Everything that programs read of a calibration, as ``calibrate --json`` prints it of a camera."""
-        return {**calibration_content(self), "yaml": None, "unused_views": dict(self.camera_source.unused_views)}
+        content = {**calibration_content(self), "yaml": None, "unused_views": dict(self.camera_source.unused_views)}
+        return content if self.change is None else {**content, "previous": self.change.to_dict()}
 
     def write(self, folder: str | PathLike[str], *, overwrite: bool = False) -> Path | None:
         """Write NAME.yaml, observations/NAME.npz and calibration.json into a folder, all or none.
@@ -91,7 +102,7 @@ class CalibratedCamera(CalibrationResult):
         from fisheye_ep_calib.report.pictures import BUDGET
         from fisheye_ep_calib.report.record import inputs_in_words
 
-        return calibration_report(
+        page = calibration_report(
             self.name,
             self.observations,
             self,
@@ -100,6 +111,9 @@ class CalibratedCamera(CalibrationResult):
             image=self.camera_source.image if pictures else None,
             picture_budget=BUDGET // max(share, 1),
         )
+        if self.change is None:
+            return page
+        return replace(page, facts={**page.facts, "since the last calibration": self.change.sentence})
 
     @property
     def plot(self) -> CameraPlots:

@@ -18,6 +18,7 @@ from fisheye_ep_calib.collection.results import counted
 from fisheye_ep_calib.errors import CalibrationError, Interrupted
 from fisheye_ep_calib.pipeline.calibrated_camera import CalibratedCamera
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
+from fisheye_ep_calib.pipeline.known_camera import AnyCamera
 from fisheye_ep_calib.pipeline.looking import Look, LookAgain, Source, camera_sources
 from fisheye_ep_calib.pipeline.names import Topics
 from fisheye_ep_calib.pipeline.options import LOOK_OPTIONS, check_fit, fit_options, refuse_unknown_options
@@ -75,6 +76,7 @@ def calibrate_recording(
     topics: Topics = None,
     model: str = AUTO,
     passes: int = 2,
+    previous: AnyCamera | Mapping[str, AnyCamera] | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     on_progress: OnProgress | None = None,
@@ -84,9 +86,10 @@ def calibrate_recording(
 
     recording: a bag, a folder or pattern of images, several of them, or an open Recording; or observation files, which
     need no target. target: a Target, its file, or the name of a shipped one. topics: camera name → topic, or topics;
-    None for the only one. model: "auto" takes what the data support. passes: 2 looks again. workers: processes that
-    look, one a core where it is None; scheduler: address of a Dask cluster that looks instead. on_progress: is called
-    with a ``Progress``, which prints as a line; an exception from it ends the workers and reaches the caller.
+    None for the only one. model: "auto" takes what the data support. passes: 2 looks again. previous: an earlier
+    calibration of the camera, or of several by their names, that ``change`` of the result is since. workers: processes
+    that look, one a core where it is None; scheduler: address of a Dask cluster that looks instead. on_progress: is
+    called with a ``Progress``, which prints as a line; an exception from it ends the workers and reaches the caller.
     options: those of ``calibration.Options.of``, and max_views, every, strict of ``Look``.
 
     Raises InputError and CalibrationError; where only some of several cameras fail, the result's ``failed`` says why.
@@ -102,7 +105,8 @@ def calibrate_recording(
     with camera_sources(recording, target, look) as (cameras, look_again):
         for camera, end in calibrate_cameras(cameras, look_again, model, passes, told, fit):
             if isinstance(end, CalibratedCamera):
-                results[camera.name] = end
+                earlier = previous.get(camera.name) if isinstance(previous, Mapping) else previous
+                results[camera.name] = end if earlier is None else end.since(earlier)
             else:
                 failed[camera.name] = end
                 if len(cameras) > 1:

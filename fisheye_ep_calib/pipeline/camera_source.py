@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import DetectionRun
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline.names import safe_name
-from fisheye_ep_calib.storage.fingerprint import fingerprint
+from fisheye_ep_calib.storage.fingerprint import fingerprint_of_all
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target import Target
@@ -29,7 +29,7 @@ class CameraSource:
 
     outcome: the observations, or why there are none. seconds: spent in "read" and "detect". unused_views: image name →
     why it is no view. run: None for an observation file. target: its file or name, where it is known. target_keys: what
-    that file says.
+    that file says. files: and folders of the source, where it is a recording.
     image: reads the image of that number, grey (h, w), as long as its file is there.
     """
 
@@ -42,6 +42,7 @@ class CameraSource:
     target: str = ""
     image: Callable[[int], np.ndarray] | None = None
     target_keys: Mapping[str, Any] = field(default_factory=dict)
+    files: tuple[Path, ...] = ()
 
     @property
     def observations(self) -> Observations:
@@ -55,8 +56,9 @@ class CameraSource:
         inputs: dict[str, Any] = {"source": self.source, "image_size": list(self.observations.image_size)}
         if self.target:
             inputs["target"] = self.target
-        for name, path in (("source_hash", self.source), ("target_hash", self.target)):
-            if path and (told := fingerprint(path)):
+        source: Sequence[str | Path] = self.files or [self.source]
+        for name, paths in (("source_hash", source), ("target_hash", [self.target])):
+            if told := fingerprint_of_all([path for path in paths if path]):
                 inputs[name] = told
         if self.run is not None:
             inputs["topic"] = self.run.topic
@@ -92,7 +94,8 @@ def source_of_run(
         return recording.frame(run.topic, run.views[number].index).image()
 
     seconds = {"read": opened + run.read_seconds, "detect": run.detect_seconds}
-    return CameraSource(name, outcome, source, seconds, run.unused, run, target_name, image, target.keys)
+    files = tuple(recording.files())
+    return CameraSource(name, outcome, source, seconds, run.unused, run, target_name, image, target.keys, files)
 
 
 def sources_of_files(paths: list[Path], split: str | None = None) -> list[CameraSource]:
@@ -110,7 +113,7 @@ def _source_of_file(path: Path, split: str | None) -> CameraSource:
         if len(observations.pixels) == 0:
             raise InputError(f"{path} marks no image as {split}")
     read = {"read": time.perf_counter() - began, "detect": 0.0}
-    return CameraSource(safe_name(path.stem), observations, str(path), read)
+    return CameraSource(safe_name(path.stem), observations, str(path), seconds=read)
 
 
 def _differently_named(cameras: list[CameraSource]) -> list[CameraSource]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
@@ -11,6 +12,7 @@ from fisheye_ep_calib.outside import open_outside, read_outside
 
 _WHOLE = 64 << 20  # bytes: a larger file is told by its size, its time of change, its first and its last part
 _PART = 1 << 20
+_MANY = 16  # files, of which the content would take too long
 
 
 def fingerprint(path: str | os.PathLike[str]) -> str | None:
@@ -33,6 +35,28 @@ def fingerprint(path: str | os.PathLike[str]) -> str | None:
         return f"sha256:{hashlib.sha256(read_outside(path, _WHOLE)).hexdigest()}"
     except (OSError, InputError):
         return None
+
+
+def fingerprint_of_all(paths: Sequence[str | os.PathLike[str]]) -> str | None:
+    """``fingerprint`` of one path; of several that of theirs, in their order, partial where one of them is or they are
+    many. None where one is not there.
+    """
+    if len(paths) == 1:
+        return fingerprint(paths[0])
+    try:
+        many = len(paths) > _MANY
+        told = [_status_of(Path(path)) if many else fingerprint(path) for path in paths]
+    except OSError:
+        return None
+    if not told or None in told:
+        return None
+    whole = all(str(one).startswith("sha256:") for one in told)
+    return f"{'' if whole else 'partial-'}sha256:{hashlib.sha256(chr(10).join(map(str, told)).encode()).hexdigest()}"
+
+
+def _status_of(path: Path) -> str:
+    status = path.stat()
+    return f"{path.name} {status.st_size} {status.st_mtime_ns}"
 
 
 def _partial(path: Path) -> bytes:
