@@ -107,3 +107,31 @@ def test_functions_can_be_read_in_one_sitting(module) -> None:
         and node.end_lineno - node.lineno >= LONGEST_FUNCTION
     }
     assert not long
+
+
+def defined_in(tree: ast.Module) -> set[str]:
+    """Names that a module binds at its top, by whatever statement."""
+    names = set()
+    for node in ast.walk(ast.Module([each for each in tree.body if not isinstance(each, ast.ClassDef)], [])):
+        names |= {
+            (each.asname or each.name).split(".")[0] for each in getattr(node, "names", ()) if hasattr(each, "name")
+        }
+        names |= {node.id} if isinstance(node, ast.Name) else set()
+        names |= {node.name} if isinstance(node, ast.FunctionDef) else set()
+    return names | {node.name for node in tree.body if isinstance(node, ast.ClassDef)}
+
+
+@pytest.mark.parametrize("folder", ["benchmarks", "docs", "test"])
+def test_tests_and_benchmarks_import_what_there_is(folder) -> None:
+    """A name that has moved is found here, before the one slow test that imports it."""
+    gone = []
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module in modules():
+                inside = defined_in(modules()[node.module])
+                gone += [
+                    f"{path.relative_to(ROOT)}: {node.module}.{each.name}"
+                    for each in node.names
+                    if each.name not in inside and f"{node.module}.{each.name}" not in modules()
+                ]
+    assert gone == []
