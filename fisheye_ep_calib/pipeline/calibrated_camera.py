@@ -79,8 +79,9 @@ class CalibratedCamera(CalibrationResult):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that programs read of a calibration, as ``calibrate --json`` prints it of a camera."""
-        content = {**calibration_content(self), "yaml": None, "unused_views": dict(self.camera_source.unused_views)}
-        return content if self.change is None else {**content, "previous": self.change.to_dict()}
+        previous = None if self.change is None else self.change.to_dict()
+        unused = dict(self.camera_source.unused_views)
+        return {**calibration_content(self), "previous": previous, "yaml": None, "unused_views": unused}
 
     def write(self, folder: str | PathLike[str], *, overwrite: bool = False) -> Path | None:
         """Write NAME.yaml, observations/NAME.npz and calibration.json into a folder, all or none.

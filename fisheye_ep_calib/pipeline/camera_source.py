@@ -67,8 +67,8 @@ class CameraSource:
             inputs["images_unreadable"] = self.run.bad_frames
         inputs["images_with_target"] = self.observations.view_count
         inputs["points_found"] = len(self.observations.pixels)
-        if self.run is not None and (given_up := self.run.points_given_up):
-            inputs["points_given_up"] = given_up
+        if self.run is not None:
+            inputs["points_given_up"] = self.run.points_given_up
         return inputs
 
 

@@ -33,12 +33,15 @@ def now() -> str:
     return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
 
 
+def _in_words(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{count} {what}" for what, count in value.items()) or "none"
+    return " × ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
 def inputs_in_words(inputs: Mapping[str, Any]) -> dict[str, str]:
     """Where a result came from, as a page has it: with the time and the versions."""
-    told = {
-        key.replace("_", " "): " × ".join(map(str, value)) if isinstance(value, list) else str(value)
-        for key, value in inputs.items()
-    }
+    told = {key.replace("_", " "): _in_words(value) for key, value in inputs.items()}
     return {**told, "written": now(), **versions()}
 
 

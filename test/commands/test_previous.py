@@ -31,7 +31,7 @@ def seen(tmp_path):
 
 def test_the_same_camera_is_unchanged_and_one_that_was_refocused_is_not(command, seen, tmp_path) -> None:
     first = command("calibrate", seen(CAMERA, 1), *WORDS, "--no-report")
-    assert first.code == 0 and "previous" not in first.json["cameras"]["front"], first.err
+    assert first.code == 0 and first.json["cameras"]["front"]["previous"] is None, first.err
     again = command("calibrate", seen(CAMERA, 2), *WORDS)
     said = again.json["cameras"]["front"]["previous"]
     assert said["file"] == "calibration/front.yaml" and said["changed"] is False
@@ -58,7 +58,7 @@ def test_what_is_given_or_lies_in_the_folder(command, seen, tmp_path) -> None:
     folder = command("calibrate", seen(CAMERA, 3), *WORDS, "--no-report", "--output", "new", "--previous", "out")
     assert folder.json["cameras"]["front"]["previous"]["file"] == "out/front.yaml"
     elsewhere = command("calibrate", seen(CAMERA, 1), *WORDS, "--no-report", "--output", "other")
-    assert "previous" not in elsewhere.json["cameras"]["front"]
+    assert elsewhere.json["cameras"]["front"]["previous"] is None
     command("calibrate", seen(CAMERA, 1), *WORDS, "--previous", tmp_path / "none.yaml").refused(2, "none.yaml")
 
 
