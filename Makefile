@@ -6,6 +6,9 @@ PYTHON ?= $(shell for candidate in python3 python3.12 python3.13 python3.11 pyth
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+PEERS := .venv-peers
+PEER_PYTHON ?= $(shell for candidate in python3.13 python3.12 python3; do \
+	$$candidate -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$candidate && break; done)
 CORE_TESTS := $(BIN)/python -m pytest --timeout 300 -n 2 --dist loadfile
 LIVE_TESTS := $(BIN)/python -m pytest --timeout 300
 
@@ -15,7 +18,7 @@ export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help environment demo docs test test-all lint types clean
+.PHONY: help environment benchmark demo docs test test-all lint types clean
 
 help:
 	@echo "make demo      render two cameras, calibrate them offline and live"
@@ -23,6 +26,7 @@ help:
 	@echo "make test      lint, tests, colcon build"
 	@echo "make test-all  the same with the slow tests"
 	@echo "make docs      the documentation as pages, build/docs/index.html"
+	@echo "make benchmark this beside OpenCV, mrcal and others, in an environment of its own (Python 3.12 or newer)"
 	@echo "make clean     remove the environment and everything built"
 
 environment: $(READY)
@@ -42,6 +46,18 @@ demo: $(READY)
 docs: $(VENV)/.docs
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet -b html docs build/docs
 	@echo "open build/docs/index.html"
+
+# OpenCV's wheels share one folder: the one with contributed modules is put there last.
+benchmark: $(PEERS)/.ready
+	$(PEERS)/bin/python benchmarks/peers/accuracy.py
+
+$(PEERS)/.ready: setup.py benchmarks/peers/requirements.txt
+	@test -n "$(PEER_PYTHON)" || { echo "Python 3.12 or newer is needed for mrcal: run make benchmark PEER_PYTHON=python3.X"; exit 1; }
+	@$(PEER_PYTHON) -m venv $(PEERS)
+	@$(PEERS)/bin/python -m pip install --quiet --editable .
+	@for package in $$(cat benchmarks/peers/requirements.txt); do \
+		$(PEERS)/bin/python -m pip install --quiet --no-deps --force-reinstall $$package || echo "left out: $$package"; done
+	@touch $@
 
 $(VENV)/.docs: $(READY)
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'
@@ -63,5 +79,5 @@ test-all: lint
 	$(LIVE_TESTS) -m "live"
 
 clean:
-	rm -rf $(VENV) .colcon build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(PEERS) .colcon build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
