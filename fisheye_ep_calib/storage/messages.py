@@ -5,10 +5,12 @@ Both image types have kept their fields since ROS 1, so the definitions a bag ca
 
 from __future__ import annotations
 
+import importlib
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fisheye_ep_calib.errors import InputError, first_line
+from fisheye_ep_calib.plain_text import one_line
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -36,10 +38,36 @@ def _typestore(encoding: str) -> Typestore:
 
 
 def deserialize(content: bytes, type_name: str, encoding: str) -> Message:
-    """A message of ``type_name`` from its bytes; encoding "cdr" or "ros1". Raises InputError."""
-    store = _typestore(encoding)
+    """A message of ``type_name`` from its bytes; encoding "cdr" or "ros1". Raises InputError.
+
+    By the package rosbags, or where that is missing by ROS itself.
+    """
+    try:
+        store = _typestore(encoding)
+    except InputError:
+        if encoding != "cdr" or type_name in _OTHER_TYPES or not _has_ros():
+            raise
+        return _deserialize_by_ros(content, type_name)
     read = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
     try:
         return read(content, type_name)
     except Exception as error:  # generated code over damaged bytes fails in every way there is
         raise InputError(f"the message is damaged ({first_line(error)})") from None
+
+
+def _has_ros() -> bool:
+    try:
+        importlib.import_module("rclpy.serialization")
+    except ImportError:
+        return False
+    return True
+
+
+def _deserialize_by_ros(content: bytes, type_name: str) -> Message:
+    """By rclpy, with the class of the message that ROS has installed."""
+    package, _, name = type_name.partition("/msg/")
+    try:
+        kind = getattr(importlib.import_module(f"{package}.msg"), name)
+        return importlib.import_module("rclpy.serialization").deserialize_message(content, kind)
+    except Exception as error:  # C++ over damaged bytes
+        raise InputError(f"the message is damaged ({one_line(first_line(error), 200)})") from None

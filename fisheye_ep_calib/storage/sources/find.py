@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import glob
 import importlib
+import importlib.util
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -36,16 +38,27 @@ class BagFormat(NamedTuple):
     source: str
 
     def open(self, path: Path, budget: Budget) -> Source:
+        source = self.source
         try:
-            module = importlib.import_module(self.module)
+            loaded = importlib.import_module(self.module)
         except ModuleNotFoundError as error:
-            raise InputError(
-                f"{path}: reading it needs the Python package {error.name}: pip install {error.name}"
-            ) from None
-        opened: Source = getattr(module, self.source).open(path, budget)
+            if self.suffix not in _READ_BY_ROS or not _has_ros_reader():
+                raise InputError(
+                    f"{path}: reading it needs the Python package {error.name}: pip install {error.name}"
+                ) from None
+            loaded, source = importlib.import_module(f"{_HERE}.ros_bag"), "RosBag"
+        opened: Source = getattr(loaded, source).open(path, budget)
         return opened
 
 
+def _has_ros_reader() -> bool:
+    try:
+        return importlib.util.find_spec("rosbag2_py") is not None
+    except ValueError:  # somebody put something else in its place
+        return "rosbag2_py" in sys.modules
+
+
+_READ_BY_ROS = (".mcap",)  # where the package that reads them is missing
 _HERE = "fisheye_ep_calib.storage.sources"
 BAG_FORMATS: dict[str, BagFormat] = {
     kind.suffix: kind
