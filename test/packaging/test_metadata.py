@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.metadata
 import re
 import subprocess
@@ -27,6 +28,22 @@ def test_package_xml_is_accepted_and_complete() -> None:
     wanted = {f"python3-{name}" for name in ("numpy", "scipy", "opencv", "yaml")}
     wanted |= {"rclpy", "sensor_msgs", "std_msgs", "std_srvs", "diagnostic_msgs"}
     assert wanted <= {dependency.name for dependency in package.exec_depends}
+
+
+def test_every_import_is_declared_or_named_as_having_no_rosdep_key() -> None:
+    apt = {"cv2": "opencv", "yaml": "yaml", "markupsafe": "jinja2"}  # markupsafe is a part of jinja2
+    text = (REPOSITORY / "package.xml").read_text("utf-8")
+    without_key = set(re.findall(r"[\w-]+", re.search(r"Without a rosdep key.*?:(.*?)\. -->", text, re.DOTALL)[1]))
+    declared = {dependency.name for dependency in parse_package(str(REPOSITORY / "package.xml")).exec_depends}
+    found = set()
+    for path in (REPOSITORY / "fisheye_ep_calib").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            names = [node.module] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            found |= {str(name).partition(".")[0] for name in names}
+    foreign = found - set(sys.stdlib_module_names) - {"fisheye_ep_calib", *without_key}
+    assert {"numpy", "rclpy"} <= foreign
+    assert not {name for name in foreign if not {name, f"python3-{apt.get(name, name)}"} & declared}
 
 
 def test_one_version_everywhere() -> None:

@@ -1,4 +1,4 @@
-"""The door to cv2.aruco, which not every OpenCV has."""
+"""The door to cv2.aruco, which not every OpenCV has: its dictionaries, under their names before 4.7 and since."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def require_aruco(what: str) -> Any:
     import cv2  # not before it is needed: a target's geometry needs no OpenCV
 
     module = getattr(cv2, "aruco", None)
-    if module is None or not hasattr(module, "ArucoDetector"):
+    if module is None or not hasattr(module, "getPredefinedDictionary"):
         raise InputError(
             f"{what} needs cv2.aruco, which OpenCV {cv2.__version__} here lacks:"
-            " pip install 'opencv-python-headless>=4.7'"
+            " pip install 'opencv-python-headless>=4.7' (with Ubuntu 24.04's ROS also 'numpy<2')"
         )
     return module
 
@@ -60,7 +60,8 @@ def marker_bits(dictionary: Any, identities: np.ndarray, border: int) -> np.ndar
     """
     module = require_aruco("a marker's picture")
     side = dictionary.markerSize + 2 * border
-    pictures = [module.generateImageMarker(dictionary, int(i), side, borderBits=border) for i in identities]
+    drawn = module.generateImageMarker if hasattr(module, "generateImageMarker") else module.drawMarker  # before 4.7
+    pictures = [drawn(dictionary, int(i), side, borderBits=border) for i in identities]
     return (np.array(pictures).reshape(len(identities), side, side) > 127).astype(np.uint8)
 
 
