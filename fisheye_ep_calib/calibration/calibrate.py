@@ -39,7 +39,7 @@ def calibrate(observations: Observations, model: str = AUTO, **options: Any) -> 
     began = time.perf_counter()
     choice, fit = None, screened.fit
     if model == AUTO:
-        choice = choose(screened.start, screened.fit.structure, _open_questions(settings))
+        choice = choose(screened.start, screened.fit, _open_questions(settings))
         choice = replace(choice, reasons=(*screened.reasons, *choice.reasons))
         fit = choice.chosen.fit
     seconds = screened.seconds | {"compare": time.perf_counter() - began}

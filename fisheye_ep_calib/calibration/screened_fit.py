@@ -27,7 +27,7 @@ from fisheye_ep_calib.calibration.selecting.outliers import (
     screen,
     screen_with_shape,
 )
-from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.target.shape.faces import faces_of
 from fisheye_ep_calib.target.shape.model import BOW, FLAT, FREE
@@ -62,7 +62,7 @@ def screened_fit(
     started = time.perf_counter()
     start, same_place = _first_fit_of_places(observations, settings, base)
     initialized = time.perf_counter()
-    fit = refine(start, base)
+    fit = _in_stages(start, base)
     mended = repaired(fit)
     if mended is not fit:
         start, fit = refine(mended, start.structure), mended
@@ -86,6 +86,17 @@ def screened_fit(
     }
     found = (screening.rejected, screening.wrong_views)
     return ScreenedFit(screening.start, fit, *found, seconds, same_place, (*alike, *reasons))
+
+
+def _in_stages(start: Fit, base: Structure) -> Fit:
+    """The base structure from a first fit: one with further terms of the pupil or of r(θ) by way of the usual ones.
+
+    All of them free at once, far from the truth, may end where r(θ) has taken the pupil's part.
+    """
+    usual = replace(base, terms=None, lens=LENS if base.lens == FREER_LENS else base.lens)
+    if base.lens == usual.lens and base.pupil_terms <= usual.pupil_terms:
+        return refine(start, base)
+    return refine(refine(start, usual), base)
 
 
 def _counted_alike(start: Fit, fit: Fit, shape: str) -> tuple[Fit, Fit, tuple[str, ...]]:

@@ -230,6 +230,7 @@ def adjust(
     tolerance: float = CONVERGED,
     last_step: bool = True,
     first_damping: float = CAUTIOUS,
+    unchecked: float = CONVERGED,
 ) -> Adjustment:
     """Minimise the cost from a state on (levenberg_marquardt.py)."""
     # glibc gives large blocks back to the system as they are freed, so that every evaluation would fault its pages in
@@ -243,5 +244,6 @@ def adjust(
         tolerance,
         last_step,
         first_damping,
+        unchecked,
     )
     return Adjustment(minimum.state, minimum.equations, minimum.iterations, minimum.converged)

@@ -40,6 +40,7 @@ _AT_THE_LIMIT = 0.98  # of the largest angle allowed: a fit that comes so near m
 _FAR_OFF = 1e-3  # of the image: a median residual above it lets other first guesses be tried
 _CLOSE = 1e-6  # tolerance of a fit with many unknowns; the step that falls below it is taken, which leaves far less
 _SURE = 3.0  # standard errors beyond which residuals are taken to hang together
+_NEARLY_THERE = 1e-8  # first damping where all but a little is known, and residuals are linear in most of the unknowns
 _ROUGH = 1e-2  # tolerance of the stage that only serves as a start
 
 
@@ -222,6 +223,7 @@ def refine(
         held = replace(problem, shape_free=False)
         state = adjust(held, state, tolerance=_ROUGH, first_damping=CONFIDENT).state
         tolerance = max(tolerance, _CLOSE)
+        return adjusted(structure, sightings, problem, state, tolerance, _NEARLY_THERE, unchecked=tolerance)
     return adjusted(structure, sightings, problem, state, tolerance)
 
 
@@ -260,12 +262,14 @@ def adjusted(
     problem: AdjustmentProblem,
     state: AdjustmentState,
     tolerance: float = CONVERGED,
+    first_damping: float = CONFIDENT,
+    unchecked: float = CONVERGED,
 ) -> Fit:
     """Adjust to convergence, with a wider limit of the incidence angle where the fit comes near it.
 
     A start far from the truth (pixels that are not square, a centre far off) may have set the limit too low.
     """
-    first = adjust(problem, state, tolerance=tolerance, first_damping=CONFIDENT)
+    first = adjust(problem, state, tolerance=tolerance, first_damping=first_damping, unchecked=unchecked)
     fit = Fit(structure, sightings, problem, first)
     while problem.theta_limit < np.pi and np.nanmax(fit.residuals[1]) > _AT_THE_LIMIT * problem.theta_limit:
         problem = replace(problem, theta_limit=float(min(np.pi, 1.2 * problem.theta_limit + 0.1)))

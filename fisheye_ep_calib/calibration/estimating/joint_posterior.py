@@ -22,15 +22,20 @@ from fisheye_ep_calib.calibration.estimating.shape_posterior import inverse_and_
 from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD, ORDERS
-from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
-from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FREE, GROUPS, free_model
-from fisheye_ep_calib.target.shape.variances import Posterior, Variances, most_likely
+from fisheye_ep_calib.target.shape.model import (
+    AXIS_GROUP,
+    FIRST_DEVIATIONS,
+    FREE,
+    GROUPS,
+    REVIVED_DEVIATION,
+    free_model,
+)
+from fisheye_ep_calib.target.shape.variances import Posterior, Variances, gains, most_likely
 
 LENS_GROUPS = tuple(f"lens order {order}" for order in ORDERS)
 JOINT_GROUPS = (*GROUPS, *VIEW_GROUPS, *LENS_GROUPS)
 _FIRST_VIEW, _FIRST_LENS = len(GROUPS), len(GROUPS) + len(VIEW_GROUPS)
-_START_SMOOTH, _START_ROUGH = 1e-4, 2e-5  # τ, metres
-_TRIED = (0.3, 1.0, 4.0)  # what an effect moves the points by, in σ, where the search for its τ starts
+_TRIED = (1.0, 4.0, 0.3)  # what an effect moves the points by, in σ, where the search for its τ starts
 _GATHERED = 1e-4  # of the mean square: what is less of a lens field's column, the others tell
 
 
@@ -46,9 +51,14 @@ class JointPosterior(Posterior):
 
 
 class JointLinearisation:
-    """Of a problem whose shape, view effects and lens field are all free, at a state."""
+    """Of a problem whose shape, view effects and lens field are all free, at a state.
 
-    def __init__(self, problem: AdjustmentProblem, state: AdjustmentState, point_count: int) -> None:
+    near: variances of the shape's groups that are nearly the most likely ones, where they are known.
+    """
+
+    def __init__(
+        self, problem: AdjustmentProblem, state: AdjustmentState, point_count: int, near: Variances | None = None
+    ) -> None:
         effects, shape = problem.effects, problem.shape
         assert effects is not None
         equations = evaluate(problem, state, penalised=False)
@@ -57,6 +67,7 @@ class JointLinearisation:
         if equations.shape is not None:
             equations = equations.from_flat(state.shape.vector)
         self.point_count = point_count
+        self._near = near
         self._view_group = _FIRST_VIEW + effects.group
         self._smooth_group = shape.group if problem.shape_size else np.zeros(0, int)
         names = np.array(state.camera.parameter_names)[problem.free]
@@ -69,6 +80,7 @@ class JointLinearisation:
             self._camera_columns = np.arange(len(in_field) - len(field))
         self.freedom = 2 * point_count - 6 * problem.view_count - len(self._camera_columns)
         self._found: dict[tuple[str, ...], tuple[Variances, JointPosterior]] = {}
+        self._trials: dict[tuple[bytes, float], JointPosterior] = {}
 
     @property
     def valid(self) -> bool:
@@ -156,6 +168,17 @@ class JointLinearisation:
             self._found[wanted] = self._search(wanted)
         return self._found[wanted]
 
+    def without_needless(
+        self, variances: Variances, posterior: JointPosterior, groups: Iterable[str], least_gain: float
+    ) -> tuple[Variances, JointPosterior]:
+        """The most likely variances once those of the groups that gain less than that are left out."""
+        needless = (variances.deviation > 0) & (gains(variances, posterior) < least_gain)
+        needless &= np.isin(JOINT_GROUPS, list(groups))
+        if not needless.any():
+            return variances, posterior
+        deviation = np.where(needless, 0.0, variances.deviation)
+        return self._settled(Variances(deviation, posterior.noise), from_nothing=False)
+
     def _search(self, wanted: Sequence[str]) -> tuple[Variances, JointPosterior]:
         """From the best of a few τ of each group of the views, and of the lens field, on top of the rest without them.
 
@@ -165,14 +188,14 @@ class JointLinearisation:
         own += [[index for index in map(JOINT_GROUPS.index, wanted) if index >= _FIRST_LENS]]
         own = [groups for groups in own if groups]
         if not own:
-            return self._settled(Variances(_start(wanted), self._noise()), from_nothing=True)
+            return self._settled(*self._start(wanted))
         variances, posterior = self.most_likely([name for name in wanted if name in GROUPS])
         without = (replace(variances, noise=posterior.noise), posterior)
-        best = min(self._starts(*without, own), key=lambda each: each[1].deviance(each[0]))
+        best = min(self._starts(*without, own), key=_deviance)
         if best[0] is without[0]:
             return without
         settled = self._settled(replace(best[0], noise=best[1].noise), from_nothing=False)
-        return min((settled, best), key=lambda each: each[1].deviance(each[0]))
+        return min((settled, best), key=_deviance)
 
     def _starts(
         self, variances: Variances, posterior: JointPosterior, own: Sequence[Sequence[int]]
@@ -181,23 +204,38 @@ class JointLinearisation:
         best = (variances, posterior)
         yield best
         for groups in own:
-            trials = []
+            trials: list[tuple[Variances, JointPosterior]] = []
             for size in _TRIED:
                 deviation = best[0].deviation.copy()
                 deviation[groups] = [size * variances.noise / self._effect_of_unit(group) for group in groups]
                 trial = replace(best[0], deviation=deviation)
-                trials.append((trial, self(trial)))
+                trials.append((trial, self._tried(trial)))
+                if len(trials) == 2 and _deviance(trials[1]) < _deviance(trials[0]):
+                    break  # more is better, and so less is not
             yield from trials
-            best = min((best, *trials), key=lambda each: each[1].deviance(each[0]))
+            best = min((best, *trials), key=_deviance)
+
+    def _tried(self, variances: Variances) -> JointPosterior:
+        """The posterior under variances from which searches start: several start from the same."""
+        key = variances.deviation.tobytes(), variances.noise
+        if key not in self._trials:
+            self._trials[key] = self(variances)
+        return self._trials[key]
 
     def _settled(self, start: Variances, from_nothing: bool) -> tuple[Variances, JointPosterior]:
         variances, posterior = most_likely(self, start, from_nothing)
         assert isinstance(posterior, JointPosterior)
         return variances, posterior
 
-    def _noise(self) -> float:
-        nothing = Variances(np.zeros(len(JOINT_GROUPS)), 1.0)
-        return self(nothing).noise
+    def _start(self, groups: Sequence[str]) -> tuple[Variances, bool]:
+        """Where the search for the variances of groups of the shape begins, and whether that is a mere guess."""
+        deviation = np.zeros(len(JOINT_GROUPS))
+        chosen = [GROUPS.index(name) for name in groups]
+        if chosen and self._near is not None:
+            deviation[chosen] = np.maximum(self._near.deviation[chosen], REVIVED_DEVIATION)
+            return Variances(deviation, self._near.noise), False
+        deviation[chosen] = FIRST_DEVIATIONS[chosen]
+        return Variances(deviation, self(Variances(np.zeros(len(JOINT_GROUPS)), 1.0)).noise), True
 
     def _effect_of_unit(self, group: int) -> float:
         """Root mean square, px, of what a coefficient 1 of a group does to the points of all views."""
@@ -270,7 +308,10 @@ def linearised_jointly(fit: Fit) -> JointLinearisation:
         structure = replace(structure, board_shape=FREE)
         if not fit.problem.shape_size:
             sightings = replace(sightings, free=free_model(sightings.target, points))
-    return JointLinearisation(*opened(fit, structure, sightings), sightings.point_count)
+    near = fit.problem.shape.variances
+    if near is not None and not near.deviation.any():
+        near = None
+    return JointLinearisation(*opened(fit, structure, sightings), sightings.point_count, near)
 
 
 def seen_points(sightings: Sightings) -> np.ndarray:
@@ -280,10 +321,8 @@ def seen_points(sightings: Sightings) -> np.ndarray:
     return np.bincount(observations.point_index[used], minlength=len(observations.object_points)) > 0
 
 
-def _start(groups: Sequence[str]) -> np.ndarray:
-    """τ (G,) to begin with, of groups of the shape."""
-    first = {name: _START_SMOOTH if name in SMOOTH_GROUPS else _START_ROUGH for name in GROUPS}
-    return np.array([first[name] if name in groups else 0.0 for name in JOINT_GROUPS])
+def _deviance(each: tuple[Variances, JointPosterior]) -> float:
+    return each[1].deviance(each[0])
 
 
 def _with_gathered_field(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -21,7 +21,10 @@ State = TypeVar("State")
 
 @dataclass(frozen=True)
 class Minimum(Generic[State]):
-    """Where the minimisation ended. equations: the undamped normal equations there, or where its last step began."""
+    """Where the minimisation ended.
+
+    equations: the undamped normal equations there, or where its last step began, but for the cost, which is there.
+    """
 
     state: State
     equations: NormalEquations
@@ -37,12 +40,14 @@ def minimise(
     tolerance: float = CONVERGED,
     last_step: bool = True,
     first_damping: float = CAUTIOUS,
+    unchecked: float = CONVERGED,
 ) -> Minimum[State]:
     """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping; Madsen et al. 2004, algorithm 3.16).
 
     stepped: the state after a step, or None where there is none. Converged when the step's predicted decrease falls
     below tolerance × cost. last_step: whether that step is taken as well; where only the cost matters it need not be.
-    One below CONVERGED × cost is taken without another evaluation, which could not tell it from rounding.
+    One that promises less than unchecked × cost is taken without another evaluation: where residuals are nearly linear
+    it would only confirm the promise, and below CONVERGED could not tell it from rounding.
     """
     equations = evaluate(state)
     damping, growth = first_damping, 4.0
@@ -60,8 +65,9 @@ def minimise(
         if ends and not last_step:
             return Minimum(state, equations, iteration, True)
         trial = stepped(state, step)
-        if ends and trial is not None and step.predicted_decrease <= CONVERGED * scale:
-            return Minimum(trial, equations, iteration + 1, True)
+        if ends and trial is not None and step.predicted_decrease <= unchecked * scale:
+            promised = replace(equations, cost=max(equations.cost - step.predicted_decrease, 0.0))
+            return Minimum(trial, promised, iteration + 1, True)
         trial_equations = evaluate(trial) if trial is not None else None
         accepted = trial_equations is not None and trial_equations.valid and trial_equations.cost < equations.cost
         if accepted and trial is not None and trial_equations is not None:

@@ -11,14 +11,18 @@ from fisheye_ep_calib.calibration.estimating.robust import Loss
 from fisheye_ep_calib.calibration.estimating.shape_posterior import Linearisation
 from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.structure import Structure
-from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
-from fisheye_ep_calib.target.shape.model import FLAT, FREE, GROUPS, free_model, with_variances
+from fisheye_ep_calib.target.shape.model import (
+    FIRST_DEVIATIONS,
+    FLAT,
+    FREE,
+    REVIVED_DEVIATION,
+    free_model,
+    with_variances,
+)
 from fisheye_ep_calib.target.shape.variances import Posterior, Variances, backward, gain_over_none, most_likely, none
 
-_START_SMOOTH, _START_ROUGH = 1e-4, 2e-5  # τ, metres
-_REVIVED = 2e-6
 _ROUNDS = 3
-_SETTLED = 0.03  # relative change of every τ, at which the next linearisation says the same
+_SETTLED = 0.1  # relative change of every τ, which its few coefficients tell to a third: the next round says the same
 _NEGLIGIBLE = 1e-6  # metres: 0.005 px of a board that fills the image of a small camera
 _FEW_VIEWS = 6  # below it a group must prove itself
 GATE = 9.5  # of −2 log-likelihood; a group of a flat board gains as much once in 160 sets
@@ -68,12 +72,10 @@ def _variances(
     problem, state = opened(fit, structure, sightings, loss)
     linearisation = Linearisation(problem, state, sightings.point_count)
     if near is None or not near.deviation.any():
-        smooth = np.arange(len(GROUPS)) < len(SMOOTH_GROUPS)
-        start = Variances(np.where(smooth, _START_SMOOTH, _START_ROUGH), fit.sigma_px)
-        estimate = most_likely(linearisation, start)
+        estimate = most_likely(linearisation, Variances(FIRST_DEVIATIONS.copy(), fit.sigma_px))
     else:
         # What was left out there is given another chance.
-        start = replace(near, deviation=np.maximum(near.deviation, _REVIVED))
+        start = replace(near, deviation=np.maximum(near.deviation, REVIVED_DEVIATION))
         estimate = most_likely(linearisation, start, from_nothing=False)
     if gain_over_none(linearisation, *estimate) < GATE:
         return none(estimate[0]), linearisation(none(estimate[0]))

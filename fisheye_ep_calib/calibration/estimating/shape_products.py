@@ -20,9 +20,9 @@ class ShapeProducts:
     def __init__(self, shape: ShapeModel, views: int, view_size: int, shared_size: int, has_discs: bool) -> None:
         self._shape = shape
         count, local = len(shape.nominal), LOCAL if has_discs else 3
-        self._pose = np.zeros((views, count, view_size, local))
-        self._shared = np.zeros((shared_size + 1, count, local))
-        self._own = np.zeros((count, local, local))
+        self._pose = np.zeros((views, view_size, local, count + 1))  # padding goes to a point of its own
+        self._shared = np.zeros((shared_size + 1, local, count))
+        self._own = np.zeros((local, local, count))
 
     def add(self, block: ViewBlock, parts: list[np.ndarray], d_local: np.ndarray, weights: np.ndarray) -> None:
         """parts (2, Q, B, N): columns of the view's own, then of what is shared and of the residual, in any parts.
@@ -31,46 +31,45 @@ class ShapeProducts:
         """
         weighted = d_local * weights**2
         own_columns, *shared = *parts, d_local
-        count, local = self._own.shape[:2]
-        size = self._pose.shape[2] * local
-        whole = bool(block.real.all() and (block.points == block.points[0]).all())
-        place = np.where(block.real, block.points, count)  # padding goes to a row of its own
-        rows = (np.arange(len(place))[:, None] * (count + 1) + place).reshape(-1)
-        spread = np.zeros((len(place) * (count + 1), size))
-        spread[rows] = _products(own_columns, weighted).reshape(size, -1).T
-        self._pose[block.views] = spread.reshape(len(place), count + 1, -1, local)[:, :count]
-        sums = [_products(part, weighted).reshape(-1, *place.shape) for part in shared]
-        total = np.concatenate(sums)
-        if whole:  # every view shows the same points: sums need no sorting
-            by_point = np.zeros((len(total), count))
-            by_point[:, block.points[0]] = total.sum(axis=1)
+        count = self._own.shape[-1]
+        place = np.where(block.real, block.points, count)
+        products = _products(own_columns, weighted)
+        for slot, view in enumerate(block.views):
+            self._pose[view][..., place[slot]] = products[:, :, slot]
+        total = np.concatenate([_products(part, weighted) for part in shared])
+        if block.real.all() and (block.points == block.points[0]).all():
+            # Every view shows the same points: sums need no sorting.
+            by_point = np.zeros((*total.shape[:2], count))
+            by_point[..., block.points[0]] = total.sum(axis=2)
         else:
-            flat, where = total.reshape(len(total), -1), place.reshape(-1)
+            flat, where = total.reshape(-1, place.size), place.reshape(-1)
             by_point = np.stack([np.bincount(where, row, count + 1)[:count] for row in flat])
-        columns, own = len(self._shared), by_point.reshape(-1, local, count)
-        self._shared += np.moveaxis(own[:columns], 1, 2)
-        self._own += np.moveaxis(own[columns:], 2, 0)
+            by_point = by_point.reshape(*total.shape[:2], count)
+        columns = len(self._shared)
+        self._shared += by_point[:columns]
+        self._own += by_point[columns:]
 
     def equations(self) -> ShapeEquations:
-        local = self._own.shape[1]
+        local, count = self._own.shape[1:]
         fields, axes = self._shape.fields[:, :local], self._shape.point_axes
-        flat = fields.reshape(fields.shape[0] * local, fields.shape[-1])
-        is_rough = self._shape.rough_size > 0
+        flat = fields.transpose(1, 0, 2).reshape(local * count, -1)
+        is_rough, same_axes = self._shape.rough_size > 0, bool((axes == axes[0]).all())
 
         def by_unknown(products: np.ndarray) -> np.ndarray:
-            """Products (..., n, L) with the local deformations as those with the shape's unknowns (..., K)."""
-            smooth: FloatArray = products.reshape(*products.shape[:-2], len(flat)) @ flat
+            """Products (..., L, n) with the local deformations as those with the shape's unknowns (..., K)."""
+            smooth: FloatArray = products.reshape(*products.shape[:-2], local * count) @ flat
             if not is_rough:
                 return smooth
-            rough = np.einsum("...ni,nij->...nj", products[..., :3], axes, optimize=True)
-            return np.concatenate([smooth, rough.reshape(*rough.shape[:-2], rough.shape[-2] * 3)], axis=-1)
+            shifts = np.swapaxes(products[..., :3, :], -1, -2)
+            rough = shifts @ axes[0] if same_axes else (shifts[..., None, :] @ axes)[..., 0, :]
+            return np.concatenate([smooth, rough.reshape(*rough.shape[:-2], count * 3)], axis=-1)
 
         shared = by_unknown(self._shared)
-        own_smooth = np.einsum("nlk,nlm->knm", fields, self._own, optimize=True)
-        rough = np.swapaxes(axes, 1, 2) @ self._own[:, :3, :3] @ axes if is_rough else np.zeros((0, 3, 3))
-        return ShapeEquations(
-            by_unknown(np.moveaxis(self._pose, 1, 2)), shared[:-1], by_unknown(own_smooth), rough, shared[-1]
-        )
+        own_smooth = np.einsum("nlk,lmn->kmn", fields, self._own, optimize=True)
+        own = self._own[:3, :3].transpose(2, 0, 1)
+        rough = np.swapaxes(axes, 1, 2) @ own @ axes if is_rough else np.zeros((0, 3, 3))
+        pose = by_unknown(np.ascontiguousarray(self._pose[..., :count]))
+        return ShapeEquations(pose, shared[:-1], by_unknown(own_smooth), rough, shared[-1])
 
 
 def _products(columns: np.ndarray, weighted: np.ndarray) -> np.ndarray:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 
 FREER = f"lens {FREER_LENS}"
+_TESTED = "tested_structures"
 _HOPELESS = 0.1  # p-value of the first step's test: the fit's own will not be a hundred times smaller
 _FREER_GAIN = 25.0  # of log-likelihood by two more terms of r(θ), beyond which nothing else is asked
 FOLDABLE = 6  # views; with fewer, leaving one out makes the rest extrapolate
@@ -23,10 +26,13 @@ SIGNIFICANCE = 0.001  # of a nested test; shared by several that ask the same (B
 
 @dataclass(frozen=True)
 class Candidate:
-    """A fitted and cross-validated structure."""
+    """A fitted structure, cross-validated when that is looked at."""
 
     fit: Fit
-    validation: CrossValidation
+
+    @cached_property
+    def validation(self) -> CrossValidation:
+        return cross_validate(self.fit)
 
     @property
     def structure(self) -> Structure:
@@ -39,9 +45,8 @@ class Candidate:
 
 
 def candidate(start: Fit, structure: Structure) -> Candidate:
-    """Fit and cross-validate a structure."""
-    fit = refine(start, structure)
-    return Candidate(fit, cross_validate(fit))
+    """A structure fitted from where another fit ended."""
+    return Candidate(refine(start, structure))
 
 
 def supported(rich: Candidate, plain: Candidate, significance: float = SIGNIFICANCE) -> bool:
@@ -71,16 +76,14 @@ def with_demanded_lens(fitted: dict[str, Candidate]) -> tuple[dict[str, Candidat
     if best.structure.lens != LENS:
         return fitted, []
     structure = with_addition(best.structure, FREER)
-    if first_step_test(structure, best.fit) > _HOPELESS:
+    _, freer = tested(structure, best.fit)
+    if freer is None:
         return fitted, []
-    freer = refine(best.fit, structure)
     gain = log_likelihood_gain(freer, best.fit)
     if gain < _FREER_GAIN:
         return fitted, []
     return {
-        name: Candidate(freer, cross_validate(freer))
-        if each is best
-        else candidate(each.fit, with_addition(each.structure, FREER))
+        name: Candidate(freer) if each is best else candidate(each.fit, with_addition(each.structure, FREER))
         for name, each in fitted.items()
     }, [f"{FREER} kept: it gains {gain:.0f} in log-likelihood, over {_FREER_GAIN:g}"]
 
@@ -92,12 +95,19 @@ def log_likelihood_gain(rich: Fit, plain: Fit) -> float:
 
 
 def tested(structure: Structure, plain: Fit) -> tuple[float, Fit | None]:
-    """p-value of a richer structure and its fit, which is not made where the first step already tells enough."""
-    chance = first_step_test(structure, plain)
-    if chance > _HOPELESS:
-        return chance, None
-    fit = refine(plain, structure)
-    return nested_test(fit, plain), fit
+    """p-value of a richer structure and its fit, which is not made where the first step already tells enough.
+
+    It is kept with the plain fit: several questions ask for the same.
+    """
+    kept: dict[str, Any] = vars(plain)
+    known: dict[Structure, tuple[float, Fit | None]] = kept.setdefault(_TESTED, {})
+    if structure not in known:
+        chance, fit = first_step_test(structure, plain), None
+        if chance <= _HOPELESS:
+            fit = refine(plain, structure)
+            chance = nested_test(fit, plain)
+        known[structure] = chance, fit
+    return known[structure]
 
 
 def with_model(structure: Structure, model: str, terms: int | None) -> Structure:
@@ -123,7 +133,7 @@ def with_needed_lens(candidates: dict[str, Candidate]) -> dict[str, Candidate]:
     _, fit = tested(with_addition(best.structure, FREER), best.fit)
     if fit is None:
         return candidates
-    freer = Candidate(fit, cross_validate(fit))
+    freer = Candidate(fit)
     if not supported(freer, best):
         return candidates
     return {

@@ -103,15 +103,21 @@ def fit_without(fit: Fit, left_out: np.ndarray) -> Adjustment:
 
 
 def _equations_without(fit: Fit, left_out: np.ndarray) -> NormalEquations:
-    """The other views' normal equations at the full fit; what all views say of the shape is known as a sum only."""
+    """The other views' normal equations at the full fit; what all views say of the shape is known as a sum only.
+
+    Where all views together have no gradient left, that of the others is what the left-out ones pull, turned round.
+    """
     whole = fit.adjustment.equations
     if whole.shape is None:
         return whole.of_views(~left_out)
     part = of_images(fit.sightings, fit.sightings.images[left_out])
     gone = evaluate(replace(fit.problem, blocks=part.blocks), fit.state.of_views(left_out), penalised=False)
     assert gone.shape is not None
-    shape = whole.shape.minus(gone.shape, ~left_out)
-    return replace(whole, by_view=whole.by_view[~left_out], cost=whole.cost - gone.cost, shape=shape)
+    shape = replace(whole.shape.minus(gone.shape, ~left_out), gradient=-gone.shape.gradient)
+    by_view, own = whole.by_view[~left_out], slice(whole.view_size, -1)
+    by_view[:, :-1, -1] = by_view[:, -1, :-1] = 0.0
+    by_view[0, own, -1] = by_view[0, -1, own] = -gone.shared_gradient
+    return replace(whole, by_view=by_view, cost=whole.cost - gone.cost, shape=shape)
 
 
 def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple[float, float, int]:

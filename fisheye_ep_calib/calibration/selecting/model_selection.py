@@ -24,10 +24,9 @@ from fisheye_ep_calib.calibration.selecting.candidates import (
     with_model,
     with_needed_lens,
 )
-from fisheye_ep_calib.calibration.selecting.cross_validation import cross_validate
 from fisheye_ep_calib.calibration.selecting.pupil_choice import FURTHER, grown, pupil_verdict, supported_pupils
 from fisheye_ep_calib.calibration.selecting.pupil_verdict import PupilVerdict
-from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
+from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 
@@ -55,13 +54,18 @@ class Search:
     extras: tuple[str, ...] = ("tangential", "tilt")
 
 
-def choose(start: Fit, base: Structure, search: Search) -> Choice:
+def choose(start: Fit, first: Fit, search: Search) -> Choice:
     """Choose among the models, deciding extras first: a lens that bends more would pass for a pupil.
 
-    base: what the user has fixed; search: what is open. The additions are tried one by one on the model that predicts
-    best, each kept where a nested test and cross-validation agree; then all models are compared with what was kept.
+    start: a fit from which others are fitted. first: the fit of what the user has fixed. search: what is open. The
+    additions are tried one by one on the model that predicts best, each kept where a nested test and cross-validation
+    agree; then all models are compared with what was kept.
     """
-    fitted = {model: candidate(start, with_model(base, model, base.terms)) for model in PUPIL_FAMILIES}
+    base = first.structure
+    fitted = {
+        model: Candidate(first) if model == base.model else candidate(start, with_model(base, model, base.terms))
+        for model in PUPIL_FAMILIES
+    }
     fitted, reasons = with_demanded_lens(fitted) if search.lens else (fitted, [])
     best = best_of(fitted.values())
     structure = best.structure
@@ -88,13 +92,13 @@ def choose(start: Fit, base: Structure, search: Search) -> Choice:
         return Choice(fitted, fitted[CENTRAL_MODEL], tuple(reasons), verdict, fit)
     others = supported_pupils(judged) if verdict.supported else []
     pupils = sorted({*others, verdict.model}, key=list(fitted).index)
-    grown = {}
+    further = {}
     if base.terms is None:
-        grown = {name: _with_further_terms(fitted[name]) for name in pupils}
-        fitted |= {name: each for name, (each, _) in grown.items()}
+        further = {name: _with_further_terms(fitted[name]) for name in pupils}
+        fitted |= {name: each for name, (each, _) in further.items()}
     chosen = simplest_good(fitted, pupils)
-    if chosen.structure.model in grown:
-        reasons += grown[chosen.structure.model][1]
+    if chosen.structure.model in further:
+        reasons += further[chosen.structure.model][1]
     return Choice(fitted, chosen, tuple(reasons), verdict, fit)
 
 
@@ -116,11 +120,7 @@ def _with_additions(best: Candidate, additions: list[str]) -> tuple[Candidate, l
 
 def _most_promising(tests: dict[str, tuple[float, Fit | None]]) -> tuple[str, Candidate | None]:
     """Of the additions that pass the nested test the one that predicts best; None where none passes."""
-    tried = {
-        name: Candidate(fit, cross_validate(fit))
-        for name, (chance, fit) in tests.items()
-        if fit and chance < SIGNIFICANCE
-    }
+    tried = {name: Candidate(fit) for name, (chance, fit) in tests.items() if fit and chance < SIGNIFICANCE}
     if not tried:
         return "", None
     return min(tried.items(), key=lambda item: item[1].validation.mean_loss)
@@ -131,7 +131,7 @@ def _with_further_terms(plain: Candidate) -> tuple[Candidate, list[str]]:
     best, reasons = grown(plain.fit)
     if best is plain.fit:
         return plain, reasons
-    richer = Candidate(best, cross_validate(best))
+    richer = Candidate(best)
     kept = supported(richer, plain, FURTHER)
     reasons.insert(0, reason(f"{best.structure.pupil_terms} terms of {plain.structure.model}", richer, plain, kept))
     return (richer if kept else plain), reasons

@@ -37,6 +37,7 @@ _SUSPICIOUS = 1.0  # px RMS; a worse fit may have been dragged off by errors tha
 _ROUNDS = 8
 DRAGGED = 20.0  # px RMS: no board bends as much
 _FEW, _FAR = 0.01, 50.0  # share of the sightings, and σ: fewer and nearer ones do not move a fit that is otherwise good
+_LIGHT = 0.02  # share of the squared residuals: sightings that hold less do not change the shape's variances
 _HUBER_ROUNDS = 2
 _ROUGH = 1e-6  # tolerance of fits of which one goes on
 _LEAST_SIGMA = 0.05  # px; what lies within 6 of these is a misfit of the camera, not a wrong sighting
@@ -200,9 +201,16 @@ def _without_outliers(sightings: Sightings, structure: Structure, fit: Fit, rich
         rejected_residual[predicted] = error[predicted]
         if np.array_equal(inside, keep):
             break
+        square = np.where(np.isfinite(length), length, 0.0) ** 2
+        light = square[inside != keep].sum() < _LIGHT * square[keep].sum()
         keep = inside
         left = with_weights(sightings, np.where(keep, observations.weights, 0.0))
-        fit = with_estimated_shape(fit, rich, left, rounds=1) if shaped else refine(fit, rich, left)
+        if not shaped:
+            fit = refine(fit, rich, left)
+        elif light and fit.problem.shape_size and fit.problem.loss == left.loss:
+            fit = refine(fit, fit.structure, replace(left, free=fit.sightings.free))
+        else:
+            fit = with_estimated_shape(fit, rich, left, rounds=1)
     kept = fit.sightings
     # Images with too few points for a pose were never judged.
     judged = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)

@@ -21,7 +21,7 @@ from fisheye_ep_calib.calibration.selecting.candidates import (
     with_model,
     with_needed_lens,
 )
-from fisheye_ep_calib.calibration.selecting.cross_validation import cross_validate, fit_without, held_out_error
+from fisheye_ep_calib.calibration.selecting.cross_validation import fit_without, held_out_error
 from fisheye_ep_calib.calibration.selecting.nested_tests import nested_test
 from fisheye_ep_calib.calibration.selecting.pupil_verdict import DOUBTFUL, PupilVerdict, judge
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
@@ -32,7 +32,7 @@ FURTHER = 0.001  # for further terms of a pupil that is there: one too many cost
 
 def side_by_side(fit: Fit) -> dict[str, Candidate]:
     """A named model's fit beside the single-viewpoint camera, or that beside an even pupil, everything else alike."""
-    own = Candidate(fit, cross_validate(fit))
+    own = Candidate(fit)
     other = "ep_even" if fit.structure.model == CENTRAL_MODEL else CENTRAL_MODEL
     beside = candidate(fit, replace(fit.structure, model=other, terms=None, target_axis=False))
     pair = {fit.structure.name: own, other: beside}

@@ -25,6 +25,8 @@ from fisheye_ep_calib.target.shape.variances import Posterior, Variances
 FLAT, BOW, FREE = "flat", "bow", "free"
 ROUGH_GROUPS = ("rough z", "rough xy")
 GROUPS = (*SMOOTH_GROUPS, *ROUGH_GROUPS)
+FIRST_DEVIATIONS = np.array([1e-4] * len(SMOOTH_GROUPS) + [2e-5] * len(ROUGH_GROUPS))  # τ, m, where nothing is known
+REVIVED_DEVIATION = 2e-6  # τ, metres, with which a group that was left out gets another chance
 AXIS_GROUP = len(SMOOTH_GROUPS) + np.array([1, 1, 0])  # group of a point's own shift along x, y and the normal
 _NONE = 1e-9  # metres: τ of an axis along which no point moves by itself
 LOCAL = 9  # numbers of a point's deformation: its shift, and the derivatives of the shift along x and y

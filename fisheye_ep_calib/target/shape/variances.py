@@ -31,6 +31,7 @@ from fisheye_ep_calib.arrays import FloatArray
 _MACKAY_STEPS = 2
 _MOST_STEPS = 30
 _SETTLED = 0.03  # relative change of every τ
+_SAME = 0.5  # of −2 log-likelihood, a twentieth of what tells two models apart: steps that change less change no answer
 _LEAST = 2e-8  # metres: what is less is none
 
 
@@ -94,12 +95,14 @@ def most_likely(posterior_of: PosteriorOf, start: Variances, from_nothing: bool 
     """
     variances, posterior = start, posterior_of(start)
     sure_steps = _MACKAY_STEPS if from_nothing else 0
+    deviance = posterior.deviance(variances)
     for step in range(_MOST_STEPS):
         updated = _mackay_step(posterior, variances) if step < sure_steps else _group_step(posterior, variances)
         kept = variances.deviation > 0
         change = np.abs(updated.deviation[kept] / variances.deviation[kept] - 1).max(initial=0.0)
-        variances, posterior = updated, posterior_of(updated)
-        if change < _SETTLED:
+        before, variances, posterior = deviance, updated, posterior_of(updated)
+        deviance = posterior.deviance(variances)
+        if change < _SETTLED or abs(before - deviance) < _SAME:
             break
     return variances, posterior
 
@@ -155,6 +158,20 @@ def gain_over_none(posterior_of: PosteriorOf, variances: Variances, posterior: P
     without = none(variances)
     without = replace(without, noise=posterior_of(without).noise)
     return posterior_of(without).deviance(without) - posterior.deviance(variances)
+
+
+def gains(variances: Variances, posterior: Posterior) -> np.ndarray:
+    """By how much −2 log-likelihood falls (G,) with each group's own variance, the others as they are.
+
+    Of values q_k beside all others, each N(0, τ² + v_k) with the group and N(0, v_k) without it (the module's head):
+    Σ_k q_k²/v_k − q_k²/(τ² + v_k) − log(1 + τ²/v_k).
+    """
+    share = posterior.determined(variances)
+    square = (posterior.value / share) ** 2
+    doubt = variances.noise**2 * posterior.variance / share
+    own = variances.deviation[posterior.group] ** 2
+    each = square / doubt - square / (own + doubt) - np.log1p(own / doubt)
+    return np.bincount(posterior.group, each, len(variances.deviation))
 
 
 def backward(
