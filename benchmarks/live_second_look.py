@@ -16,6 +16,7 @@ from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.frame import RawFrame, detect_in_frame
 from fisheye_ep_calib.live.outcome import Outcome, calibrate_views
 from fisheye_ep_calib.live.view_store import View, observations_of, view_of
+from fisheye_ep_calib.planning.detectability import Board
 from fisheye_ep_calib.planning.view_selection import is_new
 from fisheye_ep_calib.simulation import evaluation_set, laikin_camera, paper_camera
 from fisheye_ep_calib.target import Target, load_target
@@ -51,7 +52,7 @@ def session(shown: list[RawFrame], target: Target, looks: int) -> tuple[list[Vie
 
 def calibrated(kept: list[View], target: Target, size: tuple[int, int]) -> Outcome | None:
     try:
-        return calibrate_views(observations_of(kept, target, size), "ep_even", "front", "")
+        return calibrate_views(observations_of(kept, target, size), "ep_even", "front", "", Board.of(target))
     except CalibrationError:
         return None
 

@@ -10,7 +10,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.expected_features import beyond_evidence
 
-LEAST_FEATURE = 5.5  # pixels across: with less, detectors lose points of a sharp image (benchmarks/guidance.py)
+LEAST_FEATURE = 5.5  # pixels across: with less, detectors lose points of a sharp image (benchmarks/detectability.py)
 FEATURE_OVER_BLUR = 4.0  # and with less than so many σ of the blur, points of a blurred one
 _LEAST_SLOPE = 0.6  # of r at the rim, of its mean: fisheyes squeeze the rim no more than that (orthographic apart)
 _EDGE_SAMPLES = 10  # a side of the board's outline

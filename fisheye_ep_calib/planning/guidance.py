@@ -27,6 +27,7 @@ _TILT_AZIMUTHS = 4
 _MOST_POINTS = 40  # of the target: enough to tell poses apart
 _DISTANCES = 7  # from the nearest at which the board may be held to the farthest at which its features are seen
 _NEAREST, _FARTHEST = 0.9, 10.0  # in half diagonals of the board
+_TURNS = 3  # of so many views one is chosen for what it covers alone, while something is not covered
 _FIELD = 0.2  # share of the variances that covering a ring of the field, or doubling the depth at the rim, is worth
 _PLAIN = {"upper": "top", "lower": "bottom"}
 _SAME_ANGLE, _SAME_DISTANCE = np.radians(15.0), 1.3  # within which a pose is one that was tried
@@ -141,7 +142,11 @@ def next_views(
     while len(chosen) < count and left.any():
         gain = variance_reduction(offered.information, so_far, sought) / len(sought)
         share = gain / (1 + gain)
-        worth = share if field is None else share + _FIELD * field.worth(offered.poses)
+        worth = share
+        if field is not None:
+            wanting = field.worth(offered.poses)
+            turn = (len(camera_from_target) + len(chosen)) % _TURNS == _TURNS - 1
+            worth = wanting + 1e-3 * share if turn and wanting[left].any() else share + _FIELD * wanting
         best = int(np.argmax(np.where(left, worth, -np.inf)))
         chosen.append(offered.suggestion(best, float(share[best])))
         so_far = so_far + offered.information[best]

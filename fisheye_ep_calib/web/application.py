@@ -122,11 +122,13 @@ class Application:
         try:
             with _Looking(self):
                 await response.prepare(request)
+                await response.write(b"--frame\r\n")
                 number, picture = 0, b""
                 while True:
                     number, picture = await self._pictures.after(camera, number)
-                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n"
-                    await response.write(head.encode() + picture + b"\r\n")
+                    head = f"Content-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n"
+                    # The boundary at once: a browser shows a picture when it has seen its end.
+                    await response.write(head.encode() + picture + b"\r\n--frame\r\n")
         finally:
             self._pictures.end(camera)
 

@@ -8,7 +8,7 @@ const SIGNS = {
   "too few points": ["few", "Too few points"],
   "blurred": ["blurred", "Blurred"],
   "no target": ["none", "No target"],
-  "checked": ["kept", "Checked ✓"],
+  "checked": ["new", "Checked"],
   "enough views": ["new", "Enough views"],
   "other size": ["other", "Other image size"],
 };
@@ -111,12 +111,9 @@ function showCheck(status) {
   at("views-of").textContent = "views checked";
   unit(at("rms"), pixels(check.rms_px));
   unit(at("covered"), pixels(check.expected_rms_px));
-  at("covered-of").textContent = "expected";
   const worst = (parts) => parts?.length ? Math.max(...parts.map((part) => part.rms_px)) : undefined;
   unit(at("band"), pixels(worst(check.by_angle)));
   at("band-of").textContent = "worst ring";
-  at("goal").hidden = true;
-  at("check-box").hidden = !check.by_angle;
   const cells = [
     ...(check.by_angle ?? []).map((part) => [`${part.from_deg}–${part.to_deg}° off the axis`, part]),
     ...(check.by_distance ?? []).map((part) => [`${(100 * part.from_m).toFixed(0)}–${(100 * part.to_m).toFixed(0)} cm away`, part]),
@@ -128,6 +125,10 @@ function showNumbers(status) {
   for (const action of ["calibrate", "save", "reset", "report"]) {
     document.querySelector(`#camera [data-action=${action}]`).hidden = status.checking;
   }
+  document.querySelector("h1").textContent = status.checking ? "Checking" : "Calibrating";
+  at("goal").hidden = status.checking;
+  at("check-box").hidden = !status.check?.by_angle;
+  at("covered-of").textContent = status.checking ? "expected" : "of the field";
   if (status.checking) { showCheck(status); return; }
   const made = status.calibration ?? {};
   const guidance = status.guidance ?? {};
