@@ -163,7 +163,7 @@ def _with_shape(
     shaped = screening.start
     reasons: tuple[str, ...] = ()
     if shape == AUTO:
-        kept, reasons = shape_predicts(shaped)
+        kept, reasons = shape_predicts(shaped, fit.structure)
         shape = FREE if kept else FLAT
     return screening, refine(shaped, replace(fit.structure, board_shape=shape)), reasons
 

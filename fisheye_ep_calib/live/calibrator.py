@@ -210,7 +210,7 @@ class LiveCalibrator:
         check = None
         if self._checking and settings.initial is not None:
             check = Check(settings.name, views.target, settings.initial, self.pool, self._announcer)
-        return LiveCamera(views, settings.model, workplace, tell, settings.initial, check)
+        return LiveCamera(views, settings.model, workplace, tell, settings.initial, check, settings.options)
 
     def _subjects(self) -> list[Subject[Any]]:
         return [*self.cameras.values(), *([] if self.rig is None else [self.rig])]

@@ -43,16 +43,19 @@ class LiveCamera(Subject[Outcome]):
         tell: Callable[[Outcome | None], None],
         initial: Outcome | None = None,
         check: Check | None = None,
+        options: Mapping[str, Any] | None = None,
     ) -> None:
-        """check: holds what is seen against ``initial``; nothing is calibrated then.
+        """model: to fit. options: of the calibration. tell, initial: as for every Subject.
 
-        model: to fit. tell, initial: as for every Subject. Its file lies beside that of the views."""
+        check: holds what is seen against ``initial``; nothing is calibrated then. The camera's file lies beside that of
+        the views.
+        """
         super().__init__(views.name, workplace, tell, initial)
         self.views = views
         self.check = check
         self.camera_file = views.file.with_name(f"{views.name}.yaml")
         self.seeing, self.guide, self.looks = Seeing(), Guide(), Looks()
-        self._model = model
+        self._model, self._options = model, dict(options or {})
         self._board = Board.of(views.target)
 
     @property
@@ -82,7 +85,7 @@ class LiveCamera(Subject[Outcome]):
             raise CalibrationError("the camera is only checked: set `check` to false to calibrate it")
         observations = self.views.observations()
         sight, tried = self.seeing.sight(), self.guide.tried
-        return observations, self._model, self.name, str(self.views.file), self._board, sight, tried
+        return observations, self._model, self.name, str(self.views.file), self._board, sight, tried, self._options
 
     def objection(self, outcome: Outcome, before: Outcome) -> str:
         return "the calibration from fewer views knows more" if outcome.worse_than(before) else ""

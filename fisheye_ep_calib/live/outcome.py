@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,12 +88,14 @@ def calibrate_views(
     board: Board,
     sight: Sight = EVERYWHERE,
     tried: tuple[Suggestion, ...] = (),
+    options: Mapping[str, Any] | None = None,
 ) -> Outcome:
-    """Calibrate camera ``name``; what a worker process runs. board, sight, tried: for the advice.
+    """Calibrate camera ``name``; what a worker process runs. board, sight, tried: for the advice. options: of
+    ``calibrate``.
 
     Raises CalibrationError.
     """
-    result = calibrate(observations, model=model)
+    result = calibrate(observations, model=model, **(options or {}))
     spread = uncertainty_px(result)
     return Outcome(
         camera=result.camera,

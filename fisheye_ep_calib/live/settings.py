@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.planning.view_selection import Novelty
@@ -28,6 +30,7 @@ class CameraSettings:
     topic: of its images, without the transport's suffix; compressed ones come on topic/compressed.
     target: what it sees; None where the camera is only published. initial: a camera to publish from the start.
     camera_info_topic, set_camera_info_service: where a camera driver has them.
+    options: of every calibration beside the model (calibration/options.py).
     """
 
     name: str
@@ -38,6 +41,7 @@ class CameraSettings:
     initial: Outcome | None
     camera_info_topic: str
     set_camera_info_service: str
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def image_topic(self) -> str:

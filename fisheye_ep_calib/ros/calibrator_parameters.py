@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fisheye_ep_calib.calibration.options import AUTO
+from fisheye_ep_calib.calibration.options import AUTO, Options
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.live.outcome import Outcome, outcome_of_file
@@ -19,6 +20,7 @@ from fisheye_ep_calib.target import Target, load_target
 from fisheye_ep_calib.web.settings import WebSettings
 
 MODELS = (AUTO, *PUPIL_FAMILIES)
+SWITCHES = ("flex", "rolling_shutter", "lens_field", "force")  # of the calibration, by the names that it has for them
 CAMERA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 RESERVED_NAMES = tuple(Path(name).stem for name in (RIG, CAMCHAIN))  # a camera of that name would share the file
 
@@ -26,6 +28,11 @@ NODE = (
     Entry("cameras", ["camera"], "Names of the cameras; each has parameters of its own under its name."),
     Entry("target", "", "Target file (YAML) that every camera sees unless it names its own."),
     Entry("model", AUTO, "Camera model to fit unless a camera names its own.", choices=MODELS),
+    Entry("board_shape", "", "Shape of the target: flat, bow, free, auto, or a file that has it; empty: by the model."),
+    Entry("flex", False, "Estimate a board that bends and stretches from view to view."),
+    Entry("rolling_shutter", False, "Estimate a motion while the shutter rolls, in every view."),
+    Entry("lens_field", False, "Estimate a smooth field that is not symmetric about the lens's axis."),
+    Entry("force", False, "Take a camera that is refused for what its views leave open, marked as refused."),
     Entry("output_directory", "calibration", "Folder for <camera>.yaml and <camera>.npz."),
     Entry("resume", True, "Go on with the views of an earlier run; false sets them aside."),
     Entry("keep_images", False, "Store the images of kept views as PNG, in images/<camera> of the output_directory."),
@@ -158,7 +165,17 @@ def _camera(table: ParameterTable, name: str) -> CameraSettings:
         initial=_initial(name, camera_file),
         camera_info_topic=table[f"{name}.camera_info_topic"] or beside + "camera_info",
         set_camera_info_service=table[f"{name}.set_camera_info"] or beside + "set_camera_info",
+        options=_options(table),
     )
+
+
+def _options(table: ParameterTable) -> dict[str, Any]:
+    """Of every calibration; those that are as ``calibrate`` has them by itself are left out."""
+    given: dict[str, Any] = {name: True for name in SWITCHES if table[name]}
+    if table["board_shape"]:
+        given["board_shape"] = table["board_shape"]
+    Options.of(**given)
+    return given
 
 
 def _initial(camera: str, path: str) -> Outcome | None:

@@ -101,6 +101,19 @@ def test_a_cluster_gives_the_same(scene, alone, cluster) -> None:
     np.testing.assert_allclose(there.camera.parameters, alone.camera.parameters, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
+def test_what_else_is_estimated_is_the_same_through_every_door(scene, command, cluster) -> None:
+    options = {"flex": True, "rolling_shutter": True, "lens_field": True, "board_shape": "free"}
+    one = calibrate_recording(scene.folder, scene.target, model="ep_even", workers=1, **options)["front"]
+    there = calibrate_recording(scene.folder, scene.target, model="ep_even", scheduler=cluster, **options)["front"]
+    words = ("--flex", "--rolling-shutter", "--lens-field", "--board-shape", "free", "--no-report", "--json")
+    said = command("calibrate", scene.folder, "--target", scene.file, "--model", "ep_even", "--workers", 2, *words)
+    assert said.code == 0, said.err
+    assert "lens_field" in one.camera.extras
+    for camera in (there.camera, load_camera(said.json["cameras"]["front"]["yaml"])):
+        np.testing.assert_allclose(camera.parameters, one.camera.parameters, rtol=1e-9, atol=1e-9)
+
+
 def test_what_the_second_look_gives_up_is_told_through_every_door(scene, tmp_path) -> None:
     """A point of each view is put where it is not, and found elsewhere by the second look: it is given up."""
     bag = WRITERS[".mcap"](tmp_path / "bag.mcap", messages(scene.images[:4], TOPIC))

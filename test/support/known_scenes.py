@@ -51,6 +51,18 @@ def seen_board(camera: FisheyeCamera = CAMERA, views: int = 25, noise: float = 0
     return seen(camera, BOARD.object_points, poses_of(views, seed), noise, seed)
 
 
+def parallel_boards(tilt: float) -> Observations:
+    """Twelve boards at one distance whose normals lie within a tilt, rad, of the axis."""
+    rng = np.random.default_rng(4)
+    poses = np.tile(np.eye(4), (12, 1, 1))
+    for pose in poses:
+        x, y = rng.uniform(-tilt, tilt, 2)
+        turn = np.array([[1, 0, y], [0, 1, x], [-y, -x, 1]])
+        pose[:3, :3] = np.linalg.qr(turn)[0] * np.sign(np.diag(np.linalg.qr(turn)[1]))
+        pose[:3, 3] = [rng.uniform(-0.2, 0.05), rng.uniform(-0.12, 0.02), 0.25]
+    return seen(CAMERA, BOARD.object_points, poses)
+
+
 def rows(observations: Observations, keep: np.ndarray) -> Observations:
     """Some of the sightings; keep: bool or row numbers."""
     return replace(

@@ -17,7 +17,8 @@ from fisheye_ep_calib.calibration.estimating.fit import Fit, refine, weighted_sq
 from fisheye_ep_calib.calibration.estimating.normal_equations import ALMOST_UNDAMPED, NormalEquations, solve_damped
 from fisheye_ep_calib.calibration.estimating.sightings import of_images
 from fisheye_ep_calib.calibration.selecting.independent_views import places
-from fisheye_ep_calib.target.shape.model import FLAT
+from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.target.shape.model import FLAT, FREE
 
 FOLDS = 5
 _FAR_STEP = 0.02  # share of the cost: a larger step than this is followed by further ones
@@ -143,16 +144,30 @@ def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple
     return square, loss, sightings.point_count
 
 
-def shape_predicts(shaped: Fit) -> tuple[bool, tuple[str, ...]]:
+def shape_predicts(shaped: Fit, structure: Structure) -> tuple[bool, tuple[str, ...]]:
     """Whether folds over views agree that a fit with a free shape predicts better than the same with none, and why.
 
-    They agree where the gain, as mean of ln(RMS ratio) over the folds, exceeds its standard error.
+    They agree where the gain, as mean of ln(RMS ratio) over the folds, exceeds its standard error, or where the ratios'
+    signed ranks do (Wilcoxon, Biometrics Bulletin 1, 1945): with the camera of a structure, or with the richest, beside
+    which the shape was estimated. A camera may extrapolate so wildly to a fold that alone reaches the rim that nothing
+    of the board is seen there.
     """
     if not shaped.problem.shape_size:
         return False, ("board shape left out: the data say nothing of one",)
-    flat = refine(shaped, replace(shaped.structure, board_shape=FLAT))
-    gain, error = cross_validate(shaped).log_ratio(cross_validate(flat))
-    kept = -gain > error
+    for camera in dict.fromkeys((structure, shaped.structure)):
+        bent = refine(shaped, replace(camera, board_shape=FREE))
+        flat = refine(bent, replace(camera, board_shape=FLAT))
+        with_shape, without = cross_validate(bent), cross_validate(flat)
+        gain, error = with_shape.log_ratio(without)
+        kept = -gain > error or _signed_rank(with_shape.fold_log_ratios(without)) < -1
+        if kept:
+            break
     percent = 100 * (1 - np.exp(gain))
     word = "kept" if kept else "left out"
     return kept, (f"board shape {word}: held-out error {percent:+.2f} % better ± {100 * error:.2f} %",)
+
+
+def _signed_rank(values: np.ndarray) -> float:
+    """Wilcoxon's sum of signed ranks of values (n,) over its standard deviation were both signs alike."""
+    rank = np.argsort(np.argsort(np.abs(values))) + 1
+    return float((np.sign(values) * rank).sum() / np.sqrt((rank**2).sum()))
