@@ -15,7 +15,9 @@ import numpy as np
 
 from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.storage.atomic import open_own
 from fisheye_ep_calib.storage.recording import Recording
+from fisheye_ep_calib.storage.results_folder import make_folder, remove_empty
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.detection import Detection
 
@@ -46,8 +48,8 @@ class DetectionLog:
         self.images = 0
         self.holds_views = False
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file: IO[bytes] = open(path, "a+b")
+            self._made = make_folder(path.parent)
+            self._file: IO[bytes] = open_own(path)
             self._lock()
             self._file.seek(0)
             self._take_over(self._file.read() if resume else b"", key)
@@ -115,6 +117,7 @@ class DetectionLog:
         """Delete and close: the results are saved elsewhere, or there are none."""
         self.path.unlink(missing_ok=True)
         self._file.close()
+        remove_empty(self._made)
 
 
 def search_key(recording: Recording, topics: Sequence[str], target: Target) -> str:

@@ -9,14 +9,14 @@ import contextlib
 import os
 import pickle
 import struct
-import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from typing import IO, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,6 +24,7 @@ import numpy as np
 from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
+from fisheye_ep_calib.storage.scratch import Scratch
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.detection import Detection, Detector
 from fisheye_ep_calib.target.second_look import look_again
@@ -37,7 +38,7 @@ from fisheye_ep_calib.worker_processes import (
 
 # Seconds of processor time for one image: to read it, and to look at it, the latter and so much for each pixel.
 READ_SECONDS, LOOK_SECONDS, SECONDS_A_PIXEL = 15.0, 8.0, 1e-6
-_NOTE = struct.Struct("<qq")
+_SEARCH, _NOTES, _NOTE = "search", "notes", struct.Struct("<qq")  # a note: process, number of the image
 QUEUED_A_WORKER = 6  # images, so that workers go on while the next round is planned
 
 
@@ -69,8 +70,7 @@ class FrameWorkers:
         self._pool: ProcessPoolExecutor | None = None
         self._processes = KnownProcesses()
         self._needs_main = False
-        self._search: IO[bytes] | None = None
-        self._notes: IO[bytes] | None = None
+        self._scratch: Scratch | None = None
         self._numbers: list[Job] = []  # of the images, as the workers note them
         self._waiting: deque[Job] = deque()
         self._running: dict[Future[Any], Job] = {}
@@ -100,12 +100,9 @@ class FrameWorkers:
             self._running.clear()
             self._ready.clear()
             self._end_pool()
-            if self._search is not None:
-                self._search.close()
-                self._search = None
-            if self._notes is not None:
-                self._notes.close()
-                self._notes = None
+            if self._scratch is not None:
+                self._scratch.close()
+                self._scratch = None
 
     def _look_here(self, job: Job) -> FrameResult:
         threads = cv2.getNumThreads()
@@ -164,10 +161,10 @@ class FrameWorkers:
         """The images that workers were looking at which were ended because they took too long."""
         self._end_pool()
         numbers = self._processes.overdue()
-        if not numbers or self._notes is None:
+        if not numbers or self._scratch is None:
             return []
-        self._notes.seek(0)
-        last = dict(_NOTE.iter_unpack(self._notes.read()))
+        with open(self._scratch.path / _NOTES, "rb") as notes:
+            last = dict(_NOTE.iter_unpack(notes.read()))
         return [self._numbers[last[process]] for process in numbers if process in last]
 
     def _submit(self, job: Job) -> Future[Any]:
@@ -177,27 +174,23 @@ class FrameWorkers:
                 self._workers,
                 mp_context=self._processes,
                 initializer=_initialize,
-                initargs=(self._search_file(), self._notes_file(), READ_SECONDS, LOOK_SECONDS),
+                initargs=(self._files(), READ_SECONDS, LOOK_SECONDS),
             )
         with inherited_by_workers(self._needs_main):  # which the pool starts when it is given work
             self._numbers.append(job)
             return self._pool.submit(_look, job, len(self._numbers) - 1)
 
-    def _search_file(self) -> str:
-        """Recording and target, for the workers: as arguments they would keep the next one waiting for this one."""
-        if self._search is None:
+    def _files(self) -> str:
+        """A folder with recording and target, for the workers: as arguments they would keep the next one waiting for
+        this one. There they note what they begin with: whoever is ended cannot tell.
+        """
+        if self._scratch is None:
             content = pickle.dumps((self._recording, self._target))
             self._needs_main = b"__main__" in content  # a target or a format that the caller's script defines
-            self._search = tempfile.NamedTemporaryFile(prefix="fisheye_ep_calib_")
-            self._search.write(content)
-            self._search.flush()
-        return self._search.name
-
-    def _notes_file(self) -> str:
-        """Where workers note what they begin with: whoever is ended cannot tell."""
-        if self._notes is None:
-            self._notes = tempfile.NamedTemporaryFile(prefix="fisheye_ep_calib_")
-        return self._notes.name
+            self._scratch = Scratch()
+            (self._scratch.path / _SEARCH).write_bytes(content)
+            (self._scratch.path / _NOTES).touch()
+        return str(self._scratch.path)
 
     def _end_pool(self) -> None:
         pool, self._pool = self._pool, None
@@ -256,12 +249,12 @@ _note = -1  # descriptor of the file of notes
 _limits = (READ_SECONDS, LOOK_SECONDS)
 
 
-def _initialize(search_file: str, notes_file: str, *limits: float) -> None:
+def _initialize(folder: str, *limits: float) -> None:
     global _process, _note, _limits
     _limits = (limits[0], limits[1])
     prepare_worker()
-    _note = os.open(notes_file, os.O_WRONLY | os.O_APPEND)
-    with open(search_file, "rb") as file:
+    _note = os.open(Path(folder) / _NOTES, os.O_WRONLY | os.O_APPEND)
+    with open(Path(folder) / _SEARCH, "rb") as file:
         recording, target = pickle.load(file)
     _process = recording, target.detector()
 

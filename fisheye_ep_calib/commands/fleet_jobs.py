@@ -15,6 +15,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.storage.atomic import open_own
 from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
 
 LAST_WORDS_SECONDS = 30  # for a device that is interrupted to keep what it found
@@ -95,7 +96,7 @@ def _end_of(started: _Running, interrupted: bool = False) -> Ended:
 def _calibrate(job: DeviceJob, connection: Connection) -> None:
     """In the device's process: its words go to the log, its end to the connection."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with open(job.log, "w", encoding="utf-8", errors="backslashreplace") as log:
+    with open_own(job.log, truncate=True) as log:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
             os.dup2(log.fileno(), stream.fileno())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,10 +52,10 @@ def write_bag(path: str | os.PathLike[str], images: Iterable[StampedImage]) -> i
     path = Path(path)
     if path.suffix != ".mcap":
         raise InputError(f"{path}: a bag is written as one file; give it a name that ends in .mcap")
-    partial = path.with_name(f".{path.name}.partial")
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(partial, "wb") as file:
+        with open(partial, "xb") as file:
             count = _write(file, images)
         os.replace(partial, path)
     except ModuleNotFoundError as error:

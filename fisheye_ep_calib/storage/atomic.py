@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
+import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from fisheye_ep_calib.errors import CalibrationError
 
@@ -31,6 +34,27 @@ def atomic_write(path: str | os.PathLike[str], content: bytes) -> None:
     finally:
         with contextlib.suppress(OSError):  # usually it is no longer there
             temporary.unlink()
+
+
+def open_own(path: str | os.PathLike[str], truncate: bool = False) -> BinaryIO:
+    """A file of this program's own, open for reading and appending; made where it is not there, never through a link.
+
+    truncate: begin it anew. Raises OSError, also where the path is a link or another name of somebody's file.
+    """
+    flags = os.O_RDWR | os.O_CREAT | os.O_APPEND
+    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"):
+        flags |= getattr(os, name, 0)
+    descriptor = os.open(path, flags, 0o666)
+    try:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
+            raise OSError(errno.EPERM, "it is another name of a file that is not this program's", os.fspath(path))
+        if truncate:
+            os.ftruncate(descriptor, 0)
+        return os.fdopen(descriptor, "a+b")
+    except BaseException:
+        os.close(descriptor)
+        raise
 
 
 def _sync_folder(folder: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 import os
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.grey_levels import to_eight_bits, to_levels
 from fisheye_ep_calib.storage.pictures import Picture
+from fisheye_ep_calib.storage.scratch import Scratch
 from fisheye_ep_calib.storage.sources.base import IMAGE_TYPES, Entry, Source
 from fisheye_ep_calib.storage.sources.find import find_sources
 from fisheye_ep_calib.storage.sources.image_files import IMAGE_FILE
@@ -75,7 +75,7 @@ class Recording:
         sources: Sequence[Source],
         problems: Sequence[str] = (),
         notes: Sequence[str] = (),
-        scratch: tempfile.TemporaryDirectory[str] | None = None,
+        scratch: Scratch | None = None,
     ) -> None:
         self._sources = tuple(sources)
         self._scratch = scratch
@@ -101,7 +101,7 @@ class Recording:
         for source in self._sources:
             source.close()
         if self._scratch is not None:
-            self._scratch.cleanup()
+            self._scratch.close()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_scratch": None}
@@ -166,10 +166,10 @@ def open_recording(
     instead. Raises InputError where there is nothing to use.
     """
     names = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
-    scratch = tempfile.TemporaryDirectory(prefix="fisheye_ep_calib_")
+    scratch = Scratch()
     recording = Recording((), scratch=scratch)
     try:
-        recording = Recording(*find_sources(names, Path(scratch.name)), scratch=scratch)
+        recording = Recording(*find_sources(names, scratch.path), scratch=scratch)
         if strict and recording.problems:
             raise InputError(_first_of(recording.problems))
         if not recording.image_topics():

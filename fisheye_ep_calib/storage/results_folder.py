@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import errno
+import contextlib
 import itertools
 import os
 import re
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,13 +19,16 @@ _ABANDONED_SECONDS = 3600
 
 @contextmanager
 def results_folder(output: Path) -> Iterator[Path]:
-    """A hidden folder to write into; left without an exception, it becomes ``output``, or its files join those there.
+    """A hidden folder in ``output`` to write into; left without an exception, its files join those of ``output``.
 
     Files of the same names are replaced, each whole; other files are left alone. Where nothing was written nothing
     appears. Raises CalibrationError where the place cannot be written.
     """
-    staging, joins = beside(output, f"{os.getpid()}.unfinished"), output.exists()
+    staging = beside(output, f"{os.getpid()}.unfinished")
+    made: list[Path] = []
     try:
+        made = make_folder(output)
+        joins = any(not path.name.startswith(".") for path in output.iterdir())
         _remove_abandoned(staging)
         staging.mkdir()
         yield staging
@@ -34,6 +37,21 @@ def results_folder(output: Path) -> Iterator[Path]:
         raise CalibrationError(f"cannot write {output}: {error.strerror or error}") from None
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+        remove_empty(made)
+
+
+def make_folder(path: Path) -> list[Path]:
+    """Make a folder and those above it; those that were not there before, the innermost first."""
+    made = [place for place in (path, *path.absolute().parents) if not place.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    return made
+
+
+def remove_empty(folders: Sequence[Path]) -> None:
+    """Remove the folders, the innermost first, as far as they are empty."""
+    with contextlib.suppress(OSError):
+        for folder in folders:
+            folder.rmdir()
 
 
 def nearest_folder(path: Path) -> Path:
@@ -42,13 +60,8 @@ def nearest_folder(path: Path) -> Path:
 
 
 def beside(output: Path, ending: str) -> Path:
-    """A hidden path on ``output``'s file system that can be used before ``output`` is there: no folder need be made.
-
-    It lies in ``output`` where that is there already, and else in the nearest folder above it.
-    """
-    there = nearest_folder(output)
-    steps = output.absolute().parts[len(there.absolute().parts) :]
-    return there / ".".join(["", *steps, ending])
+    """A hidden path in ``output``, never above it: what lies there is somebody else's."""
+    return output / f".{ending}"
 
 
 def _remove_abandoned(staging: Path) -> None:
@@ -78,26 +91,17 @@ def _process_lives(number: int) -> bool:
 
 
 def _publish(staging: Path, output: Path, joins: bool) -> None:
+    """Raises CalibrationError where another program has put the same there meanwhile; then they lie beside it."""
     written = sorted((path for path in staging.rglob("*") if path.is_file()), key=lambda path: -len(path.parts))
-    if not written:
-        return
-    if not joins:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        _rename(staging, output)
-        return
-    for path in written:
-        destination = output / path.relative_to(staging)
-        destination.parent.mkdir(parents=True, exist_ok=True)
-        os.replace(path, destination)
-
-
-def _rename(staging: Path, output: Path) -> None:
-    """Raises CalibrationError where another program has made the folder meanwhile; the results then have another."""
-    try:
-        os.rename(staging, output)
-    except OSError as error:
-        if error.errno not in (errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR):
-            raise
+    places = [(path, output / path.relative_to(staging)) for path in written]
+    for _, destination in places:
+        for folder in destination.relative_to(output).parents:
+            if (output / folder).is_symlink() and folder != Path("."):
+                raise CalibrationError(f"{output / folder} is a link: results are not written through it")
+    if not joins and any(destination.exists() for _, destination in places):
         free = next(path for n in itertools.count(2) if not (path := output.with_name(f"{output.name}_{n}")).exists())
         os.rename(staging, free)
-        raise CalibrationError(f"{output} has been made by another program; the results are in {free}") from None
+        raise CalibrationError(f"{output} has been made by another program; the results are in {free}")
+    for path, destination in places:
+        destination.parent.mkdir(parents=True, exist_ok=True)
+        os.replace(path, destination)

@@ -43,10 +43,12 @@ def calibrate_damaged(command, recording, tmp_path, path) -> int:
         return 0
     assert ended.code in (1, 2) and ended.out == ""
     last = ended.err.splitlines()[-1]
-    assert last.startswith("fisheye_ep_calib: error: ") and not (tmp_path / "out").exists()
+    assert last.startswith("fisheye_ep_calib: error: ") and out.exists() == bool(hidden)
+    assert not [file for file in out.rglob("*") if file.is_file() and file not in hidden]
     assert (len(hidden) == 1) == ("--resume" in last)  # what was found in too few images
     for left in hidden:
         left.unlink()
+        out.rmdir()
     return ended.code
 
 
