@@ -6,14 +6,13 @@ It imports next to nothing before ``main`` is in charge, which an interruption m
 
 from __future__ import annotations
 
-import io
 import os
 import signal
 import sys
 import threading
 
 from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.plain_text import one_line
+from fisheye_ep_calib.plain_text import one_line, plain_streams
 
 TYPE_CHECKING = False  # typing's own would have to be imported
 if TYPE_CHECKING:
@@ -27,6 +26,11 @@ _INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code: 0 done, 1 could not, 2 wrong usage or input, 130 Ctrl-C."""
+    with plain_streams():
+        return _main(arguments)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     parsed = None
     try:
         words = sys.argv[1:] if arguments is None else list(arguments)
@@ -34,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _complete()
         parser = _parser(words)
         for stream in (sys.stdout, sys.stderr):
-            if isinstance(stream, io.TextIOWrapper):
+            if hasattr(stream, "reconfigure"):
                 stream.reconfigure(errors="backslashreplace")  # a terminal that knows no θ, a file name that is no text
         parsed = parser.parse_args(words)
         code: int = parsed.run(parsed)

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import reprlib
+import sys
+
+TYPE_CHECKING = False  # typing would have to be imported before the command is in charge
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import Any
 
 LONGEST = 4000  # characters of a line that is printed
 
@@ -26,10 +33,11 @@ def one_line(text: object, longest: int = LONGEST) -> str:
 
 
 def printable(text: str) -> str:
-    """As ``one_line`` of any length, with line ends and tabs kept: for a text of several lines."""
+    """As ``one_line`` of any length, with line ends and tabs kept, and the return with which a progress bar begins."""
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() or c in "\n\t" else _escaped(c) for c in text)
+    start = "\r" if text.startswith("\r") else ""
+    return start + "".join(c if c.isprintable() or c in "\n\t" else _escaped(c) for c in text[len(start) :])
 
 
 def shown(value: object) -> str:
@@ -39,3 +47,28 @@ def shown(value: object) -> str:
 
 def _escaped(character: str) -> str:
     return character.encode("unicode_escape").decode("ascii")
+
+
+class _PlainStream:
+    """Writes what can be printed, and escapes the rest; otherwise the stream that it is made of."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        self._stream.write(printable(text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextlib.contextmanager
+def plain_streams() -> Iterator[None]:
+    """In here nothing from outside that is printed drives the terminal, or a log's reader's."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _PlainStream(sys.stdout), _PlainStream(sys.stderr)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before

@@ -15,6 +15,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.plain_text import one_line, plain_streams
 from fisheye_ep_calib.storage.atomic import open_own
 from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
 
@@ -100,9 +101,10 @@ def _calibrate(job: DeviceJob, connection: Connection) -> None:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
             os.dup2(log.fileno(), stream.fileno())
-        code, reason = _outcome(job)
-        if reason:
-            print(f"error: {reason}", file=sys.stderr)
+        with plain_streams():
+            code, reason = _outcome(job)
+            if reason:
+                print(f"error: {one_line(reason)}", file=sys.stderr)
         sys.stdout.flush()
         sys.stderr.flush()
     connection.send((code, reason))

@@ -12,6 +12,7 @@ import numpy as np
 
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline.writing import RECORD
+from fisheye_ep_calib.plain_text import one_line
 from fisheye_ep_calib.storage.camera_content import camera_content
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 from fisheye_ep_calib.storage.json_text import read_json
@@ -149,8 +150,16 @@ def as_csv(rows: Sequence[Row]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({name: _as_text_cell(cell) for name, cell in row.items()} for row in rows)
     return text.getvalue()
+
+
+def _as_text_cell(cell: Any) -> Any:
+    """A name from outside must not become a formula where a spreadsheet opens the table; numbers stay numbers."""
+    if not isinstance(cell, str):
+        return cell
+    line = one_line(cell)
+    return f"'{line}" if line.startswith(("=", "+", "-", "@")) else line
 
 
 def as_text(rows: Sequence[Row]) -> str:

@@ -7,6 +7,8 @@ import logging
 import re
 import sys
 
+from fisheye_ep_calib.plain_text import one_line
+
 # Parameters of functions that options do not have the name of.
 _OPTIONS = {"topics": "--topic NAME=TOPIC", "target": "--target TARGET.yaml"}
 
@@ -17,7 +19,7 @@ class _Stderr(logging.Handler):
 
     def format(self, record: logging.LogRecord) -> str:
         label = f"{record.levelname.lower()}: " if record.levelno >= logging.WARNING else ""
-        return f"{label}{record.getMessage()}"
+        return f"{label}{one_line(record.getMessage())}"
 
 
 _stderr = _Stderr()

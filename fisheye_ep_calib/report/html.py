@@ -13,6 +13,7 @@ from jinja2 import DictLoader, Environment, StrictUndefined
 from markupsafe import Markup
 
 from fisheye_ep_calib.calibration.words import distance_text
+from fisheye_ep_calib.plain_text import printable
 from fisheye_ep_calib.report.data import CameraReport
 from fisheye_ep_calib.report.panels import panels_of
 from fisheye_ep_calib.report.pictures import overlays_of
@@ -56,7 +57,12 @@ def render(template: str, **content: object) -> str:
         name: resources.files(__package__).joinpath("templates").joinpath(name).read_text("utf-8") for name in _FILES
     }
     environment = Environment(
-        loader=DictLoader(texts), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=DictLoader(texts),
+        autoescape=True,
+        finalize=_plain,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters |= {
         "base64": lambda content: base64.b64encode(content).decode(),
@@ -69,6 +75,11 @@ def render(template: str, **content: object) -> str:
     return environment.get_template(template).render(
         style=Markup(texts["page.css"]), script=Markup(script), script_hash=digest, **content
     )
+
+
+def _plain(value: object) -> object:
+    """Text without what no page can show; what is made here stays as it is."""
+    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _number(value: float, digits: int = 3) -> str:

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.plain_text import one_line
 from fisheye_ep_calib.ros.parameter_names import with_parameters
 from fisheye_ep_calib.ros.spinning import spin_until
 
@@ -39,7 +40,7 @@ def run_node(name: str, make: Callable[[], NodeOwner], arguments: list[str] | No
         owner = make()
         _serve_until(ended, owner.node)
     except CalibrationError as error:
-        print(f"{name}: {with_parameters(str(error))}", file=sys.stderr)
+        print(f"{name}: {one_line(with_parameters(str(error)))}", file=sys.stderr)
         return error.exit_code
     finally:
         if owner is not None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import one_line
 from fisheye_ep_calib.storage.grey_levels import to_eight_bits, to_levels
 from fisheye_ep_calib.storage.pictures import Picture
 from fisheye_ep_calib.storage.scratch import Scratch
@@ -146,7 +147,7 @@ class Recording:
     def frame(self, topic: str, index: int) -> Frame:
         """The image of that number, counted from 0 in the order of time."""
         source, entry = self._frames[topic][index]
-        return Frame(topic, index, entry.stamp_ns, source.name(entry), source, entry)
+        return Frame(topic, index, entry.stamp_ns, one_line(source.name(entry)), source, entry)
 
     def frames(self, topics: Sequence[str] | None = None) -> Iterator[Frame]:
         """Every image of these topics (default: of all), in the order of time; none is read yet."""

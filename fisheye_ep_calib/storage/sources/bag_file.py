@@ -9,7 +9,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import decompress
-from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry
+from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry, topic_name
 
 MAGIC = b"#ROSBAG V2.0\n"
 MAX_HEADER_BYTES = 2**20
@@ -134,7 +134,7 @@ class BagFile(BagSource):
         return chunks, False
 
     def _note_connection(self, stream: BinaryIO, record: Record) -> None:
-        number, topic = record.number("conn"), record.text("topic")
+        number, topic = record.number("conn"), topic_name(record.text("topic"))
         about = _fields(_read_exactly(stream, record.data, record.length))
         type_name = about.get(b"type", b"").decode("utf-8", "replace")
         self._known_connections.add(number)

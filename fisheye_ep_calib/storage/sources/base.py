@@ -11,6 +11,7 @@ import numpy as np
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.outside import open_outside
+from fisheye_ep_calib.plain_text import one_line
 from fisheye_ep_calib.storage.budget import Budget, Spent
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
 from fisheye_ep_calib.storage.image_header import check_size
@@ -26,6 +27,7 @@ IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, *VIDEO_TYPES)
 
 MAX_MESSAGE_BYTES = 2**28  # 134 megapixels of 16 bits
 _END_BYTES = 2**16
+_LONGEST_NAME = 300
 
 
 class Entry(NamedTuple):
@@ -209,12 +211,17 @@ class BagSource(Source):
 
     def _add_topic(self, topic: str, type_name: str, encoding: str) -> bool:
         """Note a topic; True where its images can be read."""
-        self.topics[topic] = ros2_type(type_name)
+        self.topics[topic] = one_line(ros2_type(type_name), _LONGEST_NAME)
         if self.topics[topic] not in IMAGE_TYPES or encoding not in ("cdr", "ros1"):
             return False
         self.encodings[topic] = encoding
         self.entries.setdefault(topic, [])
         return True
+
+
+def topic_name(name: str) -> str:
+    """A topic's name as it is called from here on: a line that can be printed."""
+    return one_line(name, _LONGEST_NAME)
 
 
 def ros2_type(name: str) -> str:

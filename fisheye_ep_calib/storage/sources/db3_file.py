@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.outside import open_outside
-from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry
+from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry, topic_name
 from fisheye_ep_calib.storage.sources.open_files import note_use
 
 _TABLES = ("topics", "messages")
@@ -82,8 +82,9 @@ class Db3File(BagSource):
             query = "SELECT id, name, type, serialization_format FROM topics"
             for topic_id, name, type_name, encoding in self._connection().execute(query):
                 self.budget.take(0)
-                if self._add_topic(str(name), str(type_name), str(encoding)):
-                    images[topic_id] = str(name)
+                topic = topic_name(str(name))
+                if self._add_topic(topic, str(type_name), str(encoding)):
+                    images[topic_id] = topic
         except sqlite3.Error as error:
             if not self.topics:
                 raise InputError(f"{self.path} is not a rosbag2 database, or is damaged: {error}") from None

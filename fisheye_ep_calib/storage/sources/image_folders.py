@@ -12,6 +12,7 @@ from pathlib import Path
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.outside import read_outside
 from fisheye_ep_calib.storage.image_header import declared_size
+from fisheye_ep_calib.storage.sources.base import topic_name
 from fisheye_ep_calib.storage.sources.image_files import MAX_FILE_BYTES, ImageFiles, is_image_file, natural_order
 from fisheye_ep_calib.storage.sources.image_names import cameras_in_names
 
@@ -74,11 +75,13 @@ def image_sources(folders: Sequence[ImageFolder], notes: list[str], problems: li
     for folder in _named_by_themselves(folders):
         by_name = cameras_in_names([file.name for file in folder.files], lambda place: _size(folder.files[place]))  # noqa: B023
         if by_name is None:
-            sources.append(ImageFiles(folder.name, folder.files, folder.archive))
+            sources.append(ImageFiles(topic_name(folder.name), folder.files, folder.archive))
             continue
         prefix = f"{folder.name}_" if len(folders) > 1 else ""
         for camera, places in by_name.numbers.items():
-            sources.append(ImageFiles(prefix + camera, [folder.files[place] for place in places], folder.archive))
+            sources.append(
+                ImageFiles(topic_name(prefix + camera), [folder.files[place] for place in places], folder.archive)
+            )
         cameras = ", ".join(f"{prefix}{camera} ({len(places)} images)" for camera, places in by_name.numbers.items())
         place = folder.path if folder.archive is None else folder.archive[0]
         notes.append(f"{place}: by their names its images are of {len(by_name.numbers)} cameras: {cameras}")

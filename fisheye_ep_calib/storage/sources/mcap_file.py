@@ -13,7 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, MessageIndex, Schema, Statistics
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry
+from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, Entry, topic_name
 from fisheye_ep_calib.storage.sources.mcap_records import (
     FOOTER_BYTES,
     MAGIC,
@@ -202,8 +202,9 @@ class McapFile(BagSource):
         elif record.opcode == Opcode.CHANNEL:
             channel = parse(stream, record, Channel)
             type_name = self._schemas.get(channel.schema_id, "")
-            if self._add_topic(channel.topic, type_name, channel.message_encoding):
-                self._channels[channel.id] = channel.topic
+            topic = topic_name(channel.topic)
+            if self._add_topic(topic, type_name, channel.message_encoding):
+                self._channels[channel.id] = topic
         elif record.opcode == Opcode.MESSAGE:
             if record.length < MESSAGE_HEADER_BYTES:
                 raise CutShort(record.position)
