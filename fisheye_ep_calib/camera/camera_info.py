@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fisheye_ep_calib.camera.fisheye import FisheyeCamera
@@ -70,3 +70,24 @@ def camera_info_content(info: PlainCameraInfo, name: str) -> dict[str, Any]:
 
 def _matrix(rows: int, columns: int, values: Iterable[float]) -> dict[str, Any]:
     return {"rows": rows, "cols": columns, "data": [float(value) for value in values]}
+
+
+def reduced(info: PlainCameraInfo, size: tuple[int, int]) -> PlainCameraInfo | None:
+    """The CameraInfo of images whose pixels are means of n × n of the camera's; None where size is not such a one.
+
+    K and P are for that size, D is the same: f/n and (c + ½)/n − ½, as the centre of a pixel is its middle. Binning is
+    not used: a consumer that does not read it is right too.
+    """
+    number = round(info.width / max(size[0], 1))
+    if number < 1 or (info.width // number, info.height // number) != tuple(size):
+        return None
+    if number == 1:
+        return info
+
+    def grid(values: tuple[float, ...], columns: int) -> tuple[float, ...]:
+        rows = [values[start : start + columns] for start in range(0, len(values), columns)]
+        centred = [[*rows[row][:2], rows[row][2] + 0.5, *rows[row][3:]] for row in range(2)]
+        scaled = [[value / number for value in row] for row in centred]
+        return (*(v - 0.5 * (i == 2) for row in scaled for i, v in enumerate(row)), *rows[2])
+
+    return replace(info, width=size[0], height=size[1], k=grid(info.k, 3), p=grid(info.p, 4))

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.storage.recording import Recording, choose_topics
+from fisheye_ep_calib.storage.recording import Recording, choose_topics, recorded_topic
 
 _NAME = re.compile(r"[^\W_][\w.-]*")
 _LONGEST = 200  # bytes: file systems take 255, and endings are to come
@@ -27,6 +27,7 @@ def named_topics(recording: Recording, topics: Topics = None, camera: str = "") 
         return alike[0] if len(alike) == 1 else None
 
     named = checked_topics(topics)
+    named = {name: recorded_topic(recording, topic) for name, topic in named.items()}
     named = {name: topic if topic in topics_there else of_camera(topic) or topic for name, topic in named.items()}
     if not named and camera and (topic := of_camera(camera)):
         return {camera: topic}

@@ -115,8 +115,7 @@ def _topics(names: Sequence[str], recording: Recording, look: Look) -> dict[str,
         listed = ", ".join(map(str, recording.image_topics()))
         raise InputError(f"which topic is {missing[0]}'s? Say so by `topics`; image topics: {listed}")
     chosen = {name: topics[name] for name in names}
-    choose_topics(recording, tuple(chosen.values()))
-    return chosen
+    return dict(zip(chosen, choose_topics(recording, tuple(chosen.values())), strict=True))
 
 
 def _guide(source: CameraSource, camera: FisheyeCamera) -> Guide:

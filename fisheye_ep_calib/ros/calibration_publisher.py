@@ -10,11 +10,14 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header, String
 
+from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, reduced
+from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.live.outcome import Outcome
 from fisheye_ep_calib.live.overlay import Pictures
 from fisheye_ep_calib.live.settings import CameraSettings
 from fisheye_ep_calib.ros.messages import camera_info_message, compressed_message, picture_message
-from fisheye_ep_calib.ros.quality import LATCHED, LATCHED_STREAM
+from fisheye_ep_calib.ros.quality import LATCHED, LATCHED_STREAM, overridden
+from fisheye_ep_calib.storage.image_header import declared_size
 from fisheye_ep_calib.storage.pictures import Picture
 
 
@@ -29,7 +32,9 @@ class CalibrationPublisher:
         self._compressed = node.create_publisher(CompressedImage, f"~/{camera.name}/annotated/compressed", 2)
         self._info_publisher: Publisher | None = None
         self._told = False
+        self._plain: PlainCameraInfo | None = None
         self._info: CameraInfo | None = None
+        self._size = (0, 0)  # of the latest image
         self._header: Header | None = None
         self._lock = threading.Lock()
 
@@ -47,7 +52,8 @@ class CalibrationPublisher:
     def update(self, outcome: Outcome | None) -> None:
         """A new calibration is in force; None: there is none any more."""
         with self._lock:
-            self._info = None if outcome is None else camera_info_message(outcome.info)
+            self._plain = None if outcome is None else outcome.info
+            self._fit_info()
         if outcome is None:
             if self._told:  # latched: whoever comes later must not take the old one for valid
                 self._yaml.publish(String())
@@ -61,12 +67,32 @@ class CalibrationPublisher:
     def publish_info(self, image: Any) -> None:
         """CameraInfo with the header of an image message, if the camera is calibrated for images of its size."""
         self._header = image.header
-        info = self._info
+        if self._plain is None:
+            return
+        size = _size_of(image)
+        if size != self._size:
+            with self._lock:
+                self._size = size
+                self._fit_info()
+        if self._info is not None:
+            self._send(image.header)
+
+    def _fit_info(self) -> None:
+        """The CameraInfo for images of the size that comes: the camera's, or one that divides it."""
+        info = self._plain
+        self._info = None
         if info is None:
             return
-        size = getattr(image, "width", info.width), getattr(image, "height", info.height)
-        if size == (info.width, info.height):  # a compressed image does not tell; it is taken on trust
-            self._send(image.header)
+        fitting = info if self._size == (0, 0) else reduced(info, self._size)
+        if fitting is not None:
+            self._info = camera_info_message(fitting)
+        if fitting is None or fitting is not info:
+            width, height = self._size
+            whole = (
+                f"images of {self._camera.name} have {width}×{height} pixels, its camera {info.width}×{info.height}: "
+            )
+            told = "no CameraInfo for them" if fitting is None else "CameraInfo has K and P for their size"
+            self._node.get_logger().warning(whole + told)
 
     def check(self) -> None:
         """Make way for a driver whose CameraInfo has come later; call it now and then."""
@@ -89,7 +115,10 @@ class CalibrationPublisher:
             if self._info is None:
                 return
             if self._info_publisher is None:  # not before the first image: only then its driver is surely known
-                self._info_publisher = self._node.create_publisher(CameraInfo, self._info_topic(), LATCHED_STREAM)
+                topic = self._info_topic()
+                self._info_publisher = self._node.create_publisher(
+                    CameraInfo, topic, LATCHED_STREAM, qos_overriding_options=overridden(self._node, topic, "publisher")
+                )
             self._info.header = header
             self._info_publisher.publish(self._info)
 
@@ -104,3 +133,13 @@ class CalibrationPublisher:
             "~/commit hands the calibration to the driver"
         )
         return str(own)
+
+
+def _size_of(image: Any) -> tuple[int, int]:
+    """(width, height) of an image message; (0, 0) where a compressed one does not tell."""
+    if hasattr(image, "width"):
+        return int(image.width), int(image.height)
+    try:
+        return declared_size(memoryview(image.data))
+    except InputError:
+        return 0, 0

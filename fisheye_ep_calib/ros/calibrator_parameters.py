@@ -149,11 +149,8 @@ def _camera_names(names: list[str]) -> list[str]:
 
 
 def _camera(table: ParameterTable, name: str) -> CameraSettings:
-    topic = table[f"{name}.topic"] or f"/{name}/image_raw"
-    compressed = table[f"{name}.transport"] == "compressed" or topic.endswith("/compressed")
-    topic = topic.removesuffix("/compressed").rstrip("/")
-    if not topic:
-        raise InputError(f"parameter {name}.topic: {table[f'{name}.topic']!r} is no image topic")
+    topic, compressed = table.image_topic(f"{name}.topic", f"/{name}/image_raw")
+    compressed = compressed or table[f"{name}.transport"] == "compressed"
     beside = topic[: topic.rfind("/") + 1]
     camera_file = table[f"{name}.camera_file"]
     return CameraSettings(

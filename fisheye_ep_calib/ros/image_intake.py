@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CompressedImage, Image
 
+from fisheye_ep_calib.errors import first_line
 from fisheye_ep_calib.live.status import Reception
+from fisheye_ep_calib.ros.quality import overridden
 
 SILENCE = 5.0  # seconds without a publisher or an image after which the user is told
 QUEUE_DEPTH = 10  # large reliable images are lost with less; they are taken out at once, so it stays empty
@@ -66,10 +70,20 @@ class ImageIntake:
             self._node.destroy_subscription(self._subscription)
         self._reliability = reliability
         quality = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=QUEUE_DEPTH, reliability=reliability)
-        self._subscription = self._node.create_subscription(
-            self._type, self._topic, self._receive, quality, callback_group=self._group
-        )
-        self._node.get_logger().info(f"receiving {self.name} ({reliability.name.lower().replace('_', ' ')})")
+        self._subscription = self._created(quality, overridden(self._node, self.name, "subscription"))
+        used = quality.reliability.name.lower().replace("_", " ")
+        self._node.get_logger().info(f"receiving {self.name} ({used})")
+
+    def _created(self, quality: QoSProfile, changes: QoSOverridingOptions | None) -> Subscription:
+        """A subscription; with qos_overrides that can be used, ``quality`` becomes what they make of it."""
+        create = partial(self._node.create_subscription, self._type, self._topic, self._receive, quality)
+        try:
+            return create(callback_group=self._group, qos_overriding_options=changes)
+        except (RuntimeError, TypeError, ValueError, InvalidQosOverridesError) as error:
+            if changes is None:
+                raise
+            self._node.get_logger().error(f"qos_overrides of {self.name} are not used: {first_line(error)}")
+            return create(callback_group=self._group)
 
     def _receive(self, message: Any) -> None:
         self._last_image = time.monotonic()

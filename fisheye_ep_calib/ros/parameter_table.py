@@ -110,6 +110,23 @@ class ParameterTable:
             return float(value)
         return list(value) if isinstance(default, list) else value
 
+    def image_topic(self, name: str, default: str = "") -> tuple[str, bool]:
+        """The topic of images that a parameter names, and whether they are compressed. Raises InputError.
+
+        As image_transport has it: the name without its transport is resolved and remapped, and what belongs to it, the
+        transport or camera_info, comes beside what that gives.
+        """
+        given = str(self[name]) or default
+        base = given.removesuffix("/compressed").rstrip("/")
+        if not base:
+            raise InputError(f"parameter {name}: {given!r} is no image topic")
+        try:
+            resolved = str(self._node.resolve_topic_name(base))
+        except ValueError as error:
+            raise InputError(f"parameter {name}: {given!r} is no image topic: {first_line(error)}") from None
+        compressed = any(name.endswith("/compressed") for name in (given.rstrip("/"), resolved))
+        return resolved.removesuffix("/compressed"), compressed
+
     def is_live(self, name: str) -> bool:
         """Whether this is a parameter of the table that may change while the node runs."""
         return name in self._entries and self._entries[name].live

@@ -50,10 +50,8 @@ class RectifierSettings:
 def declare(table: ParameterTable) -> RectifierSettings:
     """Declare every parameter and read the settings. Raises InputError in one line."""
     table.declare(ENTRIES)
-    compressed = table["transport"] == "compressed" or table["topic"].endswith("/compressed")
-    topic = table["topic"].removesuffix("/compressed").rstrip("/")
-    if not topic:
-        raise InputError(f"parameter topic: {table['topic']!r} is no image topic")
+    topic, compressed = table.image_topic("topic")
+    compressed = compressed or table["transport"] == "compressed"
     beside = topic[: topic.rfind("/") + 1]
     return RectifierSettings(
         rectifier=_rectifier(table),

@@ -193,14 +193,22 @@ def choose_topics(recording: Recording, wanted: Sequence[str] = (), several: boo
         if len(topics) == 1 or (several and all(topic.type == IMAGE_FILE for topic in topics)):
             return tuple(topic.name for topic in topics)
         raise InputError(f"the recording has {len(topics)} image topics: {listed}; choose with `topics`")
-    for name in wanted:
+    chosen = tuple(recorded_topic(recording, name) for name in wanted)
+    for name in chosen:
         if name not in {topic.name for topic in topics}:
             kind = recording.topics.get(name)
             problem = f"topic {name} is of type {kind}" if kind else f"there is no topic {name}"
             if kind in (*IMAGE_TYPES, IMAGE_FILE):
                 problem = f"topic {name} holds no images"
             raise InputError(f"{problem}; image topics: {listed}")
-    return tuple(wanted)
+    return chosen
+
+
+def recorded_topic(recording: Recording, name: str) -> str:
+    """A topic of images by its name with or without "/compressed", whichever was recorded; else the name as it is."""
+    there = {topic.name for topic in recording.image_topics()}
+    base = name.removesuffix("/compressed")
+    return next((one for one in (name, base, f"{base}/compressed") if one in there), name)
 
 
 def _first_of(problems: Sequence[str]) -> str:

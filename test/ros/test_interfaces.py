@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -74,6 +75,53 @@ def test_an_existing_camera_is_published_from_the_start(start_calibrator, probe,
     assert (infos[0].k[0], infos[0].d[0]) == (20.0, 0.01)
     assert "only published" in probe.call(Trigger, "/calibrator/calibrate").message
     assert calibrator.interrupt()[0] == 0
+
+
+def test_names_are_remapped_as_image_transport_does(start_calibrator, probe, camera_file) -> None:
+    """The base topic is remapped; its transport and its camera_info come beside what that gives."""
+    start_calibrator("-r", "/front/image_raw:=/real/cam/image", cameras="[front]", front__camera_file=camera_file,
+                     front__transport="compressed")  # fmt: skip
+    infos = probe.collect(CameraInfo, "/real/cam/camera_info", LATCHED)
+    images = probe.node.create_publisher(CompressedImage, "/real/cam/image/compressed", BEST_EFFORT)
+    wait_for(images.get_subscription_count, "the node's subscription")
+
+    def published() -> Any:
+        images.publish(compressed_image())
+        return infos
+
+    wait_for(published, "CameraInfo beside the images")
+
+
+def compressed_image(size: tuple[int, int] = SIZE) -> CompressedImage:
+    content = cv2.imencode(".png", np.zeros(size[::-1], np.uint8))[1].tobytes()
+    return CompressedImage(format="png", data=array.array("B", content))
+
+
+def test_images_of_half_the_size_have_camera_info_for_theirs(start_calibrator, probe, camera_file) -> None:
+    calibrator = start_calibrator(cameras="[front]", front__camera_file=camera_file)
+    infos = probe.collect(CameraInfo, "/front/camera_info", LATCHED)
+    images = probe.node.create_publisher(Image, "/front/image_raw", BEST_EFFORT)
+    wait_for(images.get_subscription_count, "the node's subscription")
+
+    def published() -> Any:
+        images.publish(small_image(size=(32, 24)))
+        return infos
+
+    wait_for(published, "CameraInfo")
+    assert (infos[0].width, infos[0].height, infos[0].binning_x) == (32, 24, 0)
+    assert np.allclose(infos[0].k, [10, 0, 15.5, 0, 10, 11.5, 0, 0, 1]) and infos[0].d[0] == 0.01
+    assert np.allclose(infos[0].p[:3], [10, 0, 15.5])
+    assert calibrator.said("32×24 pixels, its camera 64×48: CameraInfo has K and P for their size")
+
+
+def test_quality_of_service_is_overridden(start_calibrator, probe, camera_file) -> None:
+    """As ros2 has it: qos_overrides./topic.subscription.reliability."""
+    override = ("-p", "qos_overrides./front/image_raw.subscription.reliability:=best_effort")
+    calibrator = start_calibrator(*override, cameras="[front]", front__camera_file=camera_file)
+    probe.node.create_publisher(Image, "/front/image_raw", 10)  # reliable
+    wait_for(lambda: calibrator.said("receiving /front/image_raw (best effort)"), "the subscription")
+    (endpoint,) = probe.node.get_subscriptions_info_by_topic("/front/image_raw")
+    assert endpoint.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
 
 
 def test_a_driver_with_camera_info_of_its_own_is_not_contradicted_but_committed_to(
