@@ -88,11 +88,9 @@ class CalibrationPublisher:
             self._info = camera_info_message(fitting)
         if fitting is None or fitting is not info:
             width, height = self._size
-            whole = (
-                f"images of {self._camera.name} have {width}×{height} pixels, its camera {info.width}×{info.height}: "
-            )
+            sizes = f"{width}×{height} pixels, its camera {info.width}×{info.height}"
             told = "no CameraInfo for them" if fitting is None else "CameraInfo has K and P for their size"
-            self._node.get_logger().warning(whole + told)
+            self._node.get_logger().warning(f"images of {self._camera.name} have {sizes}: {told}")
 
     def check(self) -> None:
         """Make way for a driver whose CameraInfo has come later; call it now and then."""
