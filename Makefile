@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 PEERS := .venv-peers
 PEER_PYTHON ?= $(shell for candidate in python3.13 python3.12 python3; do \
 	$$candidate -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$candidate && break; done)
-CORE_TESTS := $(BIN)/python -m pytest --timeout 300 -n 2 --dist loadfile
+CORE_TESTS := $(BIN)/python -m pytest --timeout 300 -n 2 --dist worksteal
 LIVE_TESTS := $(BIN)/python -m pytest --timeout 300
 
 # The environment is its own world: a sourced /opt/ros must not leak into it, and its nodes talk to this machine only.

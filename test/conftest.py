@@ -7,9 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from command_line import Ended
 
-from fisheye_ep_calib.cli import main
+# Before NumPy is loaded: beside each other, two processes whose BLAS has two threads each spin for four times as long.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from command_line import Ended  # noqa: E402
+
+from fisheye_ep_calib.cli import main  # noqa: E402
 
 NAME = "fisheye_ep_calib"
 REPOSITORY = Path(__file__).resolve().parents[1]

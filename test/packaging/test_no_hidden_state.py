@@ -162,6 +162,7 @@ def test_what_is_private_elsewhere_is_noticed():
 def test_a_module_that_changes_the_process_is_noticed(tmp_path, monkeypatch, line, key):
     (tmp_path / "meddling.py").write_text(line, "utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     assert list(in_new_process(CHANGES, "meddling")) == [key]
 
 
