@@ -67,7 +67,7 @@ def additions(result: CalibrationResult) -> str:
     structure = result.fit.structure
     names = ["skew"] * structure.skew + list(structure.extras)
     if np.any(result.board_warp):
-        names.append(f"board bow {1e3 * np.abs(result.board_warp).max():.2f} mm")
+        names.append(f"board shape, its bow {1e3 * np.abs(result.board_warp).max():.2f} mm")
     return ", ".join(names) or "nothing"
 
 
