@@ -13,6 +13,7 @@ from fisheye_ep_calib.target import Detection
 
 LONGEST_SIDE = 1024  # pixels; larger images are reduced
 JPEG_QUALITY = 80
+_COARSE = 4  # pixels of the picture for one of the map of what is covered
 _TEXT_SCALE = 0.9 / 1024  # of OpenCV's font, for a pixel of the longest side
 # Blue, green, red.
 FOUND, REFUSED, COVERED, WANTED, TEXT = (80, 220, 60), (60, 60, 255), (220, 160, 40), (0, 200, 255), (255, 255, 255)
@@ -137,12 +138,16 @@ def _circle(picture: np.ndarray, points: np.ndarray, scale: float, colour: tuple
 
 def _tint(picture: np.ndarray, covered: np.ndarray, scale: float) -> None:
     """Colour the area around points that kept views have covered."""
-    mask = np.zeros(picture.shape[:2], np.uint8)
-    radius = max(4, max(mask.shape) // 60)
-    for x, y in _scaled(covered, scale):
-        cv2.circle(mask, (x, y), radius, 255, -1)
-    inside = mask > 0
-    picture[inside] = (0.75 * picture[inside] + 0.25 * np.array(COVERED)).astype(np.uint8)
+    if len(covered) == 0:
+        return
+    height, width = picture.shape[:2]
+    coarse = np.zeros((-(-height // _COARSE), -(-width // _COARSE)), np.uint8)
+    radius = max(4, max(height, width) // 60) / _COARSE
+    for x, y in np.unique(np.round((np.asarray(covered) + 0.5) * scale / _COARSE - 0.5).astype(int), axis=0):
+        cv2.circle(coarse, (int(x), int(y)), max(1, round(radius)), 255, -1)
+    mask = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST)
+    tinted = cv2.add(cv2.convertScaleAbs(picture, alpha=0.75), np.array([*(0.25 * part for part in COVERED), 0.0]))
+    cv2.copyTo(tinted, mask, picture)
 
 
 def _jpeg(picture: np.ndarray) -> bytes:
