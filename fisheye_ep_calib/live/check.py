@@ -12,6 +12,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.calibration.assessing.coverage import azimuth_and_distance
+from fisheye_ep_calib.calibration.assessing.evaluated_board import evaluated_board
 from fisheye_ep_calib.calibration.assessing.evaluation import Evaluation, evaluate_camera
 from fisheye_ep_calib.calibration.evaluation_words import (
     camera_variance,
@@ -48,20 +49,25 @@ class CheckResult:
 
 
 def check_views(observations: Observations, known: Outcome) -> CheckResult:
-    """What a worker process runs: poses refitted, the camera as it is."""
+    """What a worker process runs: poses refitted, the camera as it is, the board of the shape that explains most."""
     camera = known.camera
-    board = known.board if known.board is not None and known.board.same_target(observations.object_points) else None
     try:
-        evaluation = evaluate_camera(camera, observations, board=board)
+        chosen = evaluated_board(camera, observations, known.board)
+        evaluation = evaluate_camera(camera, observations, board=chosen.board)
     except CalibrationError as error:
         return CheckResult(BAD, f"the calibration does not hold: {error}", {"rms_px": None, "expected_rms_px": None})
     covariance = known.covariance
     own = 0.0 if covariance is None else camera_variance(evaluation, observations, camera, covariance)
     expected = expected_rms(evaluation, known.figures.get("noise_px"), own)
     findings = evaluation_findings(evaluation, observations, camera.theta_max)
+    findings = findings if chosen.finding is None else (*findings, chosen.finding)
     verdict = evaluation_verdict(evaluation, expected, findings, camera.image_size)
     figures = _figures(evaluation, observations, expected)
-    figures |= {"verdict": verdict.headline, "concerns": [one.sentence for one in findings if one.concern]}
+    figures |= {
+        "board": chosen.sentence,
+        "verdict": verdict.headline,
+        "concerns": [one.sentence for one in findings if one.concern],
+    }
     level = BAD if expected is not None and evaluation.rms_px > _NO_LONGER * expected else verdict.level
     return CheckResult(level, _sentence(level, evaluation.rms_px, expected), figures)
 

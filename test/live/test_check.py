@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bent_boards import bent
+from known_scenes import BOARD, CAMERA, poses_of, seen
 
 from fisheye_ep_calib.calibration import calibrate
 from fisheye_ep_calib.calibration.words import BAD, GOOD
@@ -130,3 +132,13 @@ def test_a_good_check_has_nothing_to_regret(known: Outcome) -> None:
     observed = observe(paper_camera(), TARGET, random_poses(TARGET, 20, 3, theta_deg=(0, 60)), NOISE, 3)
     result = check_views(observed, known)
     assert result.level == GOOD or result.figures["concerns"]
+
+
+def test_another_board_of_the_same_file_is_no_fault_of_the_camera(known: Outcome) -> None:
+    """The camera's calibration had a flat board, and the one before it now is bent."""
+    true = bent(BOARD.object_points, "bow", 1e-3)
+    views = replace(seen(CAMERA, true, poses_of(12, 5)), object_points=BOARD.object_points)
+    of_camera = replace(known, camera=CAMERA, covariance=None)
+    result = check_views(views, of_camera)
+    assert result.figures["rms_px"] < 0.16
+    assert "estimated from these views" in result.figures["board"]
