@@ -156,10 +156,21 @@ class CalibratedCamera(CalibrationResult):
 def calibrate_observations(
     observations: Observations, model: str = AUTO, *, name: str = "camera", **options: Any
 ) -> CalibratedCamera:
-    """Calibrate one camera from its observations. options: those of ``calibration.Options.of``.
+    """Calibrate one camera from its observations.
 
-    A named model is fitted as it is and nothing else; what judges it is worked out when it is looked at. Raises
-    CalibrationError, and InputError for an unknown option.
+    Args:
+        observations: What the camera saw.
+        model: "auto" takes what the data support. A named model is fitted as it is and nothing else; what judges it is
+            worked out when it is looked at.
+        name: Of the camera, for what is written.
+        **options: Those of ``calibration.Options.of``.
+
+    Returns:
+        The camera, judged.
+
+    Raises:
+        InputError: An option is unknown, or its value cannot be used.
+        CalibrationError: The observations determine no camera.
     """
     refuse_unknown_options(options, fit_options())
     return CalibratedCamera.of(calibrate(observations, model, **options), CameraSource(name, observations))

@@ -84,15 +84,27 @@ def calibrate_recording(
 ) -> CalibratedCameras:
     """The whole way: choose images, find the target, calibrate, look again where it is expected, calibrate, judge.
 
-    recording: a bag, a folder or pattern of images, several of them, or an open Recording; or observation files, which
-    need no target. target: a Target, its file, or the name of a shipped one. topics: camera name → topic, or topics;
-    None for the only one. model: "auto" takes what the data support. passes: 2 looks again. previous: an earlier
-    calibration of the camera, or of several by their names, that ``change`` of the result is since. workers: processes
-    that look, one a core where it is None; scheduler: address of a Dask cluster that looks instead. on_progress: is
-    called with a ``Progress``, which prints as a line; an exception from it ends the workers and reaches the caller.
-    options: those of ``calibration.Options.of``, and max_views, every, strict of ``Look``.
+    Args:
+        recording: A bag, a folder or pattern of images, several of them, or an open Recording; or observation files,
+            which need no target.
+        target: A Target, its file, or the name of a shipped one.
+        topics: Camera name → topic, or topics; None for the only one.
+        model: "auto" takes what the data support; else the model of that name is fitted.
+        passes: 2 looks again where the first camera says that the target is.
+        previous: An earlier calibration of the camera, or of several by their names, that ``change`` of the result is
+            since.
+        workers: Processes that look; None for one a core.
+        scheduler: Address of a Dask cluster that looks instead.
+        on_progress: Is called with a ``Progress``, which prints as a line; an exception from it ends the workers and
+            reaches the caller.
+        **options: Those of ``calibration.Options.of``, and max_views, every, strict of ``Look``.
 
-    Raises InputError and CalibrationError; where only some of several cameras fail, the result's ``failed`` says why.
+    Returns:
+        Camera name → result; where only some of several cameras fail, ``failed`` says why.
+
+    Raises:
+        InputError: An argument, the recording or the target cannot be used.
+        CalibrationError: No camera could be calibrated.
     """
     refuse_unknown_options(options, (*fit_options(), *LOOK_OPTIONS))
     fit = {name: value for name, value in options.items() if name in fit_options()}

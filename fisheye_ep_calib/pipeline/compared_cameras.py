@@ -59,10 +59,19 @@ class ComparedCameras(CameraDifference):
 def compare(
     first: AnyCamera, second: AnyCamera, distances: Sequence[float] = DISTANCES, *, alignment: str = "rotation"
 ) -> ComparedCameras:
-    """How two cameras differ in pixels for points at these distances (metres, inf too), second minus first.
+    """How two cameras differ in pixels, second minus first.
 
-    Each is a camera alone, a calibration, a camera file or its path; the last three bring their uncertainties.
-    alignment: what is no property of a camera, "rotation"; "rigid" adds the frame's origin; or "none".
+    Args:
+        first: A camera alone, a calibration, a camera file or its path; the last three bring their uncertainties.
+        second: Likewise.
+        distances: Metres at which points are compared, inf too.
+        alignment: What is no property of a camera: "rotation"; "rigid" adds the frame's origin; or "none".
+
+    Returns:
+        The difference by angle and distance, and what the uncertainties lead to expect.
+
+    Raises:
+        InputError: A camera or argument cannot be used, or the cameras share no part of the field.
     """
     if not len(distances) or any(not distance > 0 for distance in distances):
         raise InputError("`distances` are positive lengths in metres, or inf")

@@ -155,10 +155,21 @@ def evaluate(
 ) -> EvaluatedCamera:
     """Measure a camera on observations: every view's pose is refitted, the camera stays as it is.
 
-    camera: a camera alone, a calibration, a camera file or its path; what the last three know of their noise tells
-    what is to be expected. The target has the shape that predicts views left out best: as its file has it, as the
-    calibration measured it, or estimated here (assessing/evaluated_board.py). board_warp: give it the bow alone that
-    the calibration found.
+    Args:
+        camera: A camera alone, a calibration, a camera file or its path; what the last three know of their noise tells
+            what is to be expected.
+        observations: What the camera saw, best at other distances than it was calibrated at. The target has the shape
+            that predicts views left out best: as its file has it, as the calibration measured it, or estimated here
+            (assessing/evaluated_board.py).
+        board_warp: Give the target the bow alone that the calibration found.
+        disc_centers: "unbiased" predicts the centre of gravity of each projected disc, "naive" the image of its centre.
+
+    Returns:
+        What is left: ``rms_px`` against ``expected_rms_px``, a verdict in words, findings.
+
+    Raises:
+        InputError: The camera has another image size, or its file cannot be used.
+        CalibrationError: No view fits the camera.
     """
     camera_file = known_camera(camera)
     source = CameraSource("camera", observations) if isinstance(observations, Observations) else observations

@@ -39,9 +39,19 @@ def export(
 ) -> Exported:
     """Write a camera, or the cameras of a rig file, as another program reads them.
 
-    camera: a camera alone, a calibration, a camera file, or the path of a camera or rig file. to: a format's name.
-    output: the file; formats that want several put a camera's name into its name. svp_distance: metres, for which a
-    camera with one viewpoint is to be right, by default that of the camera file.
+    Args:
+        camera: A camera alone, a calibration, a camera file, or the path of a camera or rig file.
+        to: A format's name.
+        output: The file; formats that want several put a camera's name into its name.
+        svp_distance: Metres, for which a camera with one viewpoint is to be right; by default that of the camera file.
+        overwrite: Replace files that are there.
+
+    Returns:
+        The files, and what the format could not say.
+
+    Raises:
+        InputError: The camera or an argument cannot be used.
+        CalibrationError: The file cannot be written.
     """
     if to not in writable_formats():
         raise InputError(f"unknown format {to!r}; known: {', '.join(writable_formats())}")

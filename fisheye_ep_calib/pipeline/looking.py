@@ -176,10 +176,23 @@ def find_target(
     on_progress: OnProgress | None = None,
     **options: Any,
 ) -> dict[str, Observations]:
-    """What each camera of a recording saw of the target, camera name → observations, to evaluate or to calibrate.
+    """What each camera of a recording saw of the target, to evaluate or to calibrate.
 
-    Takes what ``calibrate_recording`` takes, as far as it concerns looking. Raises InputError, and CalibrationError
-    where a camera did not see the target.
+    Args:
+        recording: As ``calibrate_recording`` takes it, and so the others.
+        target: A Target, its file, or the name of a shipped one.
+        topics: Camera name → topic, or topics; None for the only one.
+        workers: Processes that look; None for one a core.
+        scheduler: Address of a Dask cluster that looks instead.
+        on_progress: Is called with a ``Progress``.
+        **options: max_views, every and strict of ``Look``.
+
+    Returns:
+        Camera name → observations.
+
+    Raises:
+        InputError: An argument, the recording or the target cannot be used.
+        CalibrationError: A camera did not see the target.
     """
     refuse_unknown_options(options, LOOK_OPTIONS)
     told = unheard if on_progress is None else seldom(on_progress)

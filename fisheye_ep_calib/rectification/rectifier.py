@@ -92,10 +92,27 @@ def rectify(
     surface: str | None = None,
     interpolation: str = "cubic",
 ) -> np.ndarray:
-    """One fisheye image (h, w) or (h, w, channels) as a camera with a single viewpoint sees it, right at a distance.
+    """One fisheye image as a camera with a single viewpoint sees it, right at a distance.
 
-    distance: metres, of the surface, "plane" or "sphere". fov, yaw (to the right), pitch (up): rad. size: (width,
-    height). The defaults are those of ``make_view``. For many images make one ``Rectifier``. Raises InputError.
+    For many images make one ``Rectifier``.
+
+    Args:
+        camera: That took the image.
+        image: (h, w) or (h, w, channels).
+        distance: Metres, of the surface that is right.
+        projection: "perspective", "cylindrical" or "equirectangular".
+        fov: Horizontal field of view, rad; None for the camera's.
+        size: (width, height), pixels; None keeps the resolution.
+        yaw: Look to the right, rad.
+        pitch: Look up, rad.
+        surface: What is there, "plane" across the view's axis or "sphere"; None for what suits the projection.
+        interpolation: "nearest", "linear" or "cubic".
+
+    Returns:
+        The image.
+
+    Raises:
+        InputError: An argument cannot be used.
     """
     if not distance > 0:
         raise InputError(f"`distance` must be positive, not {distance:g} m")

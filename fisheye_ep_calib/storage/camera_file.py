@@ -69,9 +69,16 @@ class CameraFile:
 def save_camera(
     path: str | PathLike[str], camera: CalibrationResult | FisheyeCamera, name: str | None = None, source: str = ""
 ) -> None:
-    """Write a calibration's camera, or a camera alone, as a camera file, whole or not at all.
+    """Write a camera file, whole or not at all.
 
-    name: the camera's; by default the one that it has, or the file's.
+    Args:
+        path: The YAML file.
+        camera: A calibration, or a camera alone.
+        name: The camera's; by default the one that it has, or the file's.
+        source: What it was calibrated from.
+
+    Raises:
+        CalibrationError: The file cannot be written.
     """
     own = name or getattr(camera, "name", None) or Path(path).stem
     atomic_write(path, camera_yaml(camera, own, source).encode())
@@ -180,7 +187,17 @@ def _floats(values: Iterable[Any]) -> list[float]:
 
 
 def load_camera(path: str | PathLike[str]) -> FisheyeCamera:
-    """The full camera of a camera file. Raises InputError."""
+    """The full camera of a camera file, or of a file of another calibrator.
+
+    Args:
+        path: Of a file with several cameras the one named behind a colon, as in "camchain.yaml:cam1".
+
+    Returns:
+        The camera.
+
+    Raises:
+        InputError: The file, or a key of it that is named, cannot be used.
+    """
     return read_camera_file(path).camera
 
 

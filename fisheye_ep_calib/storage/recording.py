@@ -163,8 +163,15 @@ def open_recording(
 ) -> Recording:
     """Open bags, folders of images or patterns such as ``images/*.png``, several of them as one recording.
 
-    A damaged file is used as far as it can be read, and ``problems`` says what is lost; ``strict`` refuses it
-    instead. Raises InputError where there is nothing to use.
+    Args:
+        paths: One of them, or several.
+        strict: Refuse a damaged file, which else is used as far as it can be read; ``problems`` says what is lost.
+
+    Returns:
+        The recording, to be closed, as ``with`` does.
+
+    Raises:
+        InputError: There is nothing to use.
     """
     names = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     scratch = Scratch()

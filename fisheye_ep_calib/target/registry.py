@@ -24,8 +24,16 @@ TARGETS: dict[str, type[Target]] = {kind.kind: kind for kind in (CircleGrid, Che
 
 
 def load_target(path: str | PathLike[str] | Target) -> Target:
-    """Read a target file (YAML), this project's keys or Kalibr's; a bare name finds a shipped one. A Target is returned
-    as it is. Raises InputError in one line.
+    """Read a target file.
+
+    Args:
+        path: YAML with this project's keys or Kalibr's; a bare name finds a shipped one. A Target is returned as it is.
+
+    Returns:
+        The target: its points, and how it is found in an image and printed.
+
+    Raises:
+        InputError: The file, or a key of it that is named, cannot be used.
     """
     if isinstance(path, Target):
         return path
