@@ -155,9 +155,11 @@ class DetectionRun:
         if self.bad_frames == len(self.frames):
             return InputError(f"{self.topic}: none of {self.bad_frames} images can be read: {self.frames[0].error}")
         reasons = counted([frame.reason for frame in self.frames])
+        left = self.available - len(self.frames)
+        others = f", or look at more of the {self.available} (`max_views`, `every`)" if left else ""
         return CalibrationError(
             f"{self.topic}: the target was found in none of {len(self.frames)} images ({reasons}); "
-            "check that the target file describes the printed target"
+            f"check that the target file describes the printed target{others}"
         )
 
 

@@ -20,6 +20,7 @@ from fisheye_ep_calib.target.detection import Detection
 # Fixed, and not a matter of how many workers there are: the choice must not depend on the machine.
 FRAMES_A_ROUND = 24
 FIRST_LOOK = 1 / 3  # of the images that will be looked at
+NOTHING_THERE = 0.45  # of them: where these, spread over a longer recording, show nothing, the others are left alone
 
 # Worth of looking between two images, where 1 is a target that moved by the least that counts as new.
 WORTH_AT_ENTRY = 2.0  # found in one of them: in between it crosses the edge of the field, where views are rare
@@ -77,6 +78,8 @@ def next_look(
     if room == 0:
         return []
     detections = {image: detection for image, detection in looked_at.items() if detection is not None}
+    if not detections and len(looked_at) >= NOTHING_THERE * choice.max_views:
+        return []
     chosen = most_informative(detections, sorted(looked_at), target, image_size, room)
     signatures = {
         image: view_signature(target.object_points[detection.point_index], detection.pixels, image_size)
