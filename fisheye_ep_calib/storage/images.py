@@ -18,6 +18,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.grey_levels import to_eight_bits
 from fisheye_ep_calib.storage.image_header import check_size, declared_size
 from fisheye_ep_calib.storage.messages import Message
+from fisheye_ep_calib.storage.quiet_libraries import quiet_libraries
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,8 @@ def decoded_file(content: bytes | np.ndarray) -> np.ndarray:
     size = declared_size(data.data)
     try:
         # Pixels as they are stored: a rotation in the EXIF block is for viewers, not for the sensor.
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+        with quiet_libraries():
+            image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     except (cv2.error, MemoryError):
         image = None
     return _as_declared(image, size)
@@ -154,7 +156,8 @@ def decoded_page(path: Path, page: int, size: tuple[int, int], pixel_bytes: floa
     """A page of a TIFF, which declares this (width, height), as ``decoded_file`` gives it. Raises InputError."""
     check_size(*size, path.stat().st_size, pixel_bytes)
     try:
-        _, images = cv2.imreadmulti(os.fspath(path), page, 1, flags=cv2.IMREAD_UNCHANGED)
+        with quiet_libraries():
+            _, images = cv2.imreadmulti(os.fspath(path), page, 1, flags=cv2.IMREAD_UNCHANGED)
     except (cv2.error, MemoryError):
         images = ()
     return _as_declared(images[0] if len(images) else None, size)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import sys
 import zlib
 from types import SimpleNamespace
 
@@ -64,6 +65,20 @@ def test_a_tiff_that_declares_a_tile_or_samples_beyond_reason(tags) -> None:
         body += struct.pack("<HHII", tag, 4, 1, value)
     with pytest.raises(InputError, match="too many"):
         declared_size(b"II*\0" + struct.pack("<I", 8) + body + bytes(4))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".pgm", ".tif", ".webp"])
+def test_decoders_say_nothing_of_damaged_images(suffix, capfd) -> None:
+    content = cv2.imencode(suffix, np.random.default_rng(0).integers(0, 255, (40, 40), dtype=np.uint8))[1].tobytes()
+    for keep in (0.5, 0.8, 0.95):
+        damaged = content[: int(keep * len(content))] + (b"\xff\xd9" if suffix == ".jpg" else b"")
+        try:
+            decode_file_content(damaged)
+        except InputError:
+            pass
+    assert capfd.readouterr().err == ""
+    print("heard", file=sys.stderr)
+    assert capfd.readouterr().err == "heard\n"
 
 
 def test_a_message_of_more_pixels_than_it_has_bytes() -> None:

@@ -1,0 +1,136 @@
+"""Runs one input through one door in a process of its own, and says what of the promise does not hold."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+SECONDS, MEGABYTES = 20.0, 1500.0
+SEEDS = Path(__file__).resolve().parent / "seeds"
+_BOARD = str(SEEDS / "board.yaml")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """seconds: of processor time. megabytes: the most that a process had. faults: what of the promise does not hold."""
+
+    code: int
+    seconds: float
+    megabytes: float
+    faults: tuple[str, ...]
+    said: str
+
+
+def doors(name: str) -> list[list[str]]:
+    """The commands that take a file of this name, which stands as INPUT."""
+    suffix = Path(name).suffix
+    if name == "devices.txt":
+        return [["calibrate-fleet", "INPUT", "--output", "out", "--no-report", "--model", "kannala", "--jobs", "1"]]
+    if name == "camera.yaml":
+        observations = str(SEEDS / "observations.npz")
+        return [["show", "INPUT", "--json"], ["show", "INPUT"], ["evaluate", "INPUT", observations],
+                ["compare", "INPUT", str(SEEDS / "camera.yaml")],
+                ["export", "INPUT", "--to", "kalibr", "--output", "out.yaml"]]  # fmt: skip
+    if name == "rig.yaml":
+        return [["export", "INPUT", "--to", "kalibr", "--output", "out.yaml"]]
+    if name == "metadata.yaml":
+        return [["detect", "FOLDER", "--target", _BOARD, "--output", "out", "--workers", "1"]]
+    if suffix == ".yaml":
+        seen = str(SEEDS / "images.tar.gz")
+        return [["target", "INPUT"], ["target", "INPUT", "--output", "out.svg"],
+                ["detect", seen, "--target", "INPUT", "--output", "out", "--workers", "1"]]  # fmt: skip
+    if suffix == ".npz":
+        return [["calibrate", "INPUT", "--model", "kannala", "--no-report", "--json", "--output", "out"],
+                ["evaluate", str(SEEDS / "camera.yaml"), "INPUT"]]  # fmt: skip
+    return [["detect", "INPUT", "--target", _BOARD, "--output", "out", "--workers", "1"]]
+
+
+def judged(name: str, content: bytes, door: list[str]) -> Verdict:
+    """The input as a file of that name, through the door."""
+    place = Path(tempfile.mkdtemp(prefix="fuzz_"))
+    try:
+        (place / "tmp").mkdir()
+        folder = place / "in"
+        folder.mkdir()
+        (folder / name).write_bytes(content)
+        if name == "metadata.yaml":
+            shutil.copy(SEEDS / "raw.mcap", folder)
+        words = [str(folder / name) if word == "INPUT" else str(folder) if word == "FOLDER" else word for word in door]
+        return _run(place, words)
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _run(place: Path, words: list[str]) -> Verdict:
+    child = os.fork()
+    if child == 0:
+        _become_the_command(place, words)
+    _, status, usage = os.wait4(child, 0)
+    code = os.waitstatus_to_exitcode(status)
+    said = (place / "said").read_text("utf-8", "replace")
+    seconds, megabytes = usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3
+    faults = []
+    if code not in (0, 1, 2):
+        faults.append(f"exit code {code}")
+    if "Traceback" in said or "out of memory" in said:
+        faults.append("traceback or out of memory")
+    if code in (1, 2) and sum("error:" in line for line in said.splitlines()) != 1:
+        faults.append("not one line of error")
+    if any(not (character.isprintable() or character in "\n\t\r") for character in said):
+        faults.append("control characters are printed")
+    if seconds > SECONDS:
+        faults.append(f"{seconds:.0f} s")
+    if megabytes > MEGABYTES:
+        faults.append(f"{megabytes:.0f} MB")
+    return Verdict(code, seconds, megabytes, tuple(faults + _left(place, code)), said)
+
+
+def _left(place: Path, code: int) -> list[str]:
+    """What lies where it should not."""
+    faults = []
+    if list((place / "tmp").iterdir()):
+        faults.append("something is left in the temporary folder")
+    if {path.name for path in place.iterdir()} - {"tmp", "in", "said", "out", "out.svg", "out.yaml"}:
+        faults.append("something is written beside the output")
+    out = place / "out"
+    if list(out.rglob("*.unfinished")) or (code and list(out.glob("*.yaml"))):
+        faults.append("half of an output")
+    return faults
+
+
+def _become_the_command(place: Path, words: list[str]) -> None:
+    """In the forked process: never returns."""
+    code = 99
+    try:
+        os.chdir(place)
+        os.environ["TMPDIR"] = str(place / "tmp")
+        tempfile.tempdir = None
+        said = os.open("said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+        os.dup2(said, 1)
+        os.dup2(said, 2)
+        sys.stdout, sys.stderr = (os.fdopen(os.dup(number), "w", encoding="utf-8") for number in (1, 2))
+        resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+        resource.setrlimit(resource.RLIMIT_DATA, (3 << 30, 3 << 30))
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(300)
+        from fisheye_ep_calib.cli import main
+
+        try:
+            code = main(words)
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 1
+        except BaseException:
+            import traceback
+
+            traceback.print_exc()
+            code = 1
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)
