@@ -22,6 +22,7 @@ WRONG = (
     "wrong_permuted",
     "wrong_claim",
     ".wrong_box",
+    "wrong_corner",
 )
 
 

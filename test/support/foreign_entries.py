@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
 from pathlib import Path
 
 import bag_writers
+import foreign_readers
 import numpy as np
 
 from fisheye_ep_calib.camera import LENS_EXTRAS, LENSES, PUPIL_FAMILIES
@@ -20,6 +21,8 @@ from fisheye_ep_calib.camera.extras.tangential import Tangential
 from fisheye_ep_calib.camera.lenses.kannala_brandt import KannalaBrandt
 from fisheye_ep_calib.camera.pupils.family import PowerPupil
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.formats import FORMATS, Format
+from fisheye_ep_calib.formats.kalibr import KALIBR
 from fisheye_ep_calib.rectification.projections import PROJECTIONS, Cylindrical
 from fisheye_ep_calib.storage.sources.base import BagSource, Entry
 from fisheye_ep_calib.storage.sources.find import BAG_FORMATS, BagFormat
@@ -256,6 +259,20 @@ def write_box(path: Path, recorded, begin: bytes = _RIGHT) -> Path:
     return path
 
 
+# ---- formats ---------------------------------------------------------------------------------------------------------
+
+
+def write_half_a_pixel_off(cameras, named):
+    """As if (0, 0) were the corner of the top-left pixel."""
+    moved = [replace(one, camera=replace(one.camera, cx=one.camera.cx + 0.5)) for one in cameras]
+    return KALIBR.write(moved, named)
+
+
+FORMATS |= {
+    "right_camchain": Format("right_camchain", "Kalibr's by another name", KALIBR.write),
+    "wrong_corner": Format("wrong_corner", "Kalibr's, half a pixel off", write_half_a_pixel_off),
+}
+foreign_readers.READERS |= dict.fromkeys(("right_camchain", "wrong_corner"), foreign_readers.read_kalibr)
 PUPIL_FAMILIES |= {
     "right_cosine": CosinePupil(),
     "wrong_sign": WrongSign(2, 2, 4),
