@@ -48,10 +48,12 @@ class Guide:
         return steer(now, wanted.signature)
 
     def follow(self, plan: Sequence[Wanted], kept: Sequence[ViewSignature] = ()) -> None:
-        """A new plan; what a kept view shows already, or was tried in vain, is left out of it."""
+        """A new plan, without what a kept view shows already and, while more is left, what was tried in vain."""
         with self._lock:
-            left = [one for one in plan if not any(one.suggestion.like(tried) for tried in self._tried)]
-            left = [one for one in left if not any(_reached(one, view) for view in kept)]
+            new = [one for one in plan if not any(_reached(one, view) for view in kept)]
+            left = [one for one in new if not any(one.suggestion.like(tried) for tried in self._tried)]
+            if new and not left:
+                left, self._tried = new, []
             same = self._plan and left and left[0].suggestion.like(self._plan[0].suggestion)
             self._plan = tuple(left)
             if not same:

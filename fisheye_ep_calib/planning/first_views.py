@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
@@ -18,6 +20,7 @@ _PLAN = (
     (0.3, 4, 24, 45), (0.75, 0, 13, 0), (0.75, 4, 13, 0), (0.75, 6, 13, 0), (0.75, 2, 13, 0), (0.3, 2, 12, 45),
 )  # fmt: skip
 _LESS = (1.0, 0.85, 0.7, 0.5)  # of the angle, until the board is inside the image
+_NEARER = (1.0, 0.85, 0.7, 0.55)  # of the distance, until its features are large enough
 
 
 def assumed_camera(image_size: tuple[int, int], sight: Sight) -> FisheyeCamera:
@@ -59,9 +62,10 @@ def first_views(
     edge = edge if known is None else min(known.theta_limit, _EDGE_OF_CIRCLE)
     found: list[Suggestion] = []
     for share, sector, half_angle, tilt in _PLAN:
-        distance = board.radius / np.tan(np.radians(half_angle))
-        for less in _LESS:
-            grid, poses = candidate_poses(board.points, away, (distance,), (less * share * edge,), (np.radians(tilt),))
+        farthest = board.radius / np.tan(np.radians(half_angle))
+        for nearer, less in product(_NEARER, _LESS):
+            distance, theta = nearer * farthest, less * share * edge
+            grid, poses = candidate_poses(board.points, away, (distance,), (theta,), (np.radians(tilt),))
             fitting = detectable(camera, board, poses, sight)
             numbers = np.flatnonzero(fitting & ((grid[:, 0] == 0) | np.isclose(grid[:, 1], sector * np.pi / 4)))
             if len(numbers):

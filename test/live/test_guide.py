@@ -69,6 +69,22 @@ def test_a_pose_that_is_not_reached_is_given_up_for_good(plan) -> None:
     assert guide.wanted is plan[1]
 
 
+def test_what_was_tried_is_asked_for_again_once_nothing_else_is_left(plan) -> None:
+    clock = Clock()
+    guide = Guide(clock)
+    guide.follow(plan[:2])
+    for _ in range(2 * FRAMES):
+        clock.now += PATIENCE
+        guide.searched(None)
+    assert guide.wanted is None and len(guide.tried) == 2
+    guide.follow(plan[:2], [plan[0].signature])
+    assert guide.wanted is plan[1] and guide.tried == ()
+
+
+def test_a_small_image_has_a_plan_too() -> None:
+    assert len(first_plan(TARGET, (640, 640), EVERYWHERE)) >= 12
+
+
 def test_what_kept_views_show_is_not_asked_for(plan) -> None:
     guide = Guide()
     guide.follow(plan, [one.signature for one in plan[:3]])

@@ -20,6 +20,7 @@ class SimulatedPerson:
 
     def __init__(self, camera: FisheyeCamera, target: Target, seed: int) -> None:
         self._camera = camera
+        self._target = target
         self._outline = Board.of(target).outline
         self._rng = np.random.default_rng(seed)
         self._asked: bytes = b""
@@ -28,8 +29,12 @@ class SimulatedPerson:
         self._step = STEPS
 
     def look(self, outline_px: list[list[float]] | None) -> None:
-        """At the outline that the page shows."""
+        """At the outline that the page shows; where there is none, the board is moved and tilted somehow."""
         if not outline_px or len(outline_px) != len(self._outline):
+            if self._step >= STEPS:
+                theta, azimuth, tilt, turn = self._rng.uniform([0, -np.pi, 0, -np.pi], [0.9, np.pi, 0.6, np.pi])
+                somewhere = look_pose(self._target, theta, azimuth, self._rng.uniform(0.1, 0.3), tilt, turn)
+                self._from, self._to, self._step = self.pose, somewhere, 0
             return
         asked = np.array(outline_px)
         if asked.tobytes() != self._asked or self._step >= STEPS + 4:  # not taken: try again, a little differently
