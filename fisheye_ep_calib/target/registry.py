@@ -88,7 +88,7 @@ def parse_target(values: object, source: str = "target", name: str = "target") -
     if values.get(SHAPE) is None:
         return target
     try:
-        return replace(target, shape=parse_shape(values[SHAPE], target.object_points))
+        return replace(target, shape=_shape_of(values[SHAPE], target))
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
 
@@ -100,3 +100,7 @@ def same_kind(first: str, second: str) -> bool:
         return name.lower().replace("_", "").replace("-", "").replace("chess", "checker")
 
     return plain(first) == plain(second)
+
+
+def _shape_of(content: object, target: Target) -> BoardShape:
+    return replace(parse_shape(content, target.object_points), discs=target.disc_radius is not None)

@@ -31,6 +31,7 @@ def board_shape(fit: Fit) -> BoardShape:
         scatter=tuple(deviation[AXIS_GROUP].tolist()),
         groups={name: float(value) for name, value in zip(GROUPS, deviation, strict=True) if value > 0},
         slopes=local[:, 3:],
+        discs=fit.sightings.observations.disc_radius is not None,
     )
 
 

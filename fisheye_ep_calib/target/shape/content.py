@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,8 @@ def parse_board(content: object) -> BoardShape:
     points = content.get("object_points") if isinstance(content, dict) else None
     if not isinstance(points, list) or not 0 < len(points) <= _MOST_POINTS:
         raise InputError(f"board must have object_points, {_MOST_POINTS} at most")
-    return parse_shape(content, _numbers(points, "object_points", (len(points), 3)))
+    shape = parse_shape(content, _numbers(points, "object_points", (len(points), 3)))
+    return replace(shape, discs=isinstance(content, dict) and content.get("disc_radius") is not None)
 
 
 def _numbers(values: object, key: str, shape: tuple[int, ...]) -> np.ndarray:

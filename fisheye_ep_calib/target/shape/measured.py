@@ -42,6 +42,7 @@ class BoardShape:
     bent: whether the data demand a height that varies over the board. scatter (3,): what single points are off by
     themselves along the board's x, y and normal, τ in metres. groups: τ of the smooth fields by name, metres.
     slopes (n, 6): derivatives of the smooth deviation along the board's x, then y; worked out where they are None.
+    discs: whether the points are the centres of discs.
     """
 
     kind: str
@@ -52,6 +53,7 @@ class BoardShape:
     scatter: tuple[float, float, float] = (0.0, 0.0, 0.0)
     groups: Mapping[str, float] = field(default_factory=dict)
     slopes: np.ndarray | None = None
+    discs: bool = False
 
     @staticmethod
     def flat(object_points: np.ndarray) -> BoardShape:
@@ -160,7 +162,7 @@ class BoardShape:
         if self.bow_mm >= _TOLD:
             told.append(f"{'bent' if self.bent else 'not flat, if at all,'} by {self.bow_mm:.2f} mm")
         if self.rough_rms_mm >= _TOLD:
-            told.append(f"points scatter by {self.rough_rms_mm:.2f} mm")
+            told.append(f"{'discs' if self.discs else 'corners'} scatter by {self.rough_rms_mm:.2f} mm")
         return "; ".join(told) or "the board is as its file has it"
 
     def to_dict(self) -> dict[str, Any]:

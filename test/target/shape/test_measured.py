@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,7 +30,8 @@ def test_a_bent_board_says_how_far_and_a_flat_one_nothing() -> None:
     change[:, 2] = 0.4e-3 * ((POINTS[:, 0] / POINTS[:, 0].max()) ** 2)
     shape = BoardShape("free", POINTS, change, bent=True, scatter=(2e-5, 2e-5, 1e-5))
     assert "bent by 0.40 mm" in shape.sentence
-    assert "points scatter by 0.03 mm" in shape.sentence
+    assert "corners scatter by 0.03 mm" in shape.sentence
+    assert "discs scatter by 0.03 mm" in replace(shape, discs=True).sentence
     flat = BoardShape.flat(POINTS)
     assert flat.to_dict() == {
         "shape": "flat",
