@@ -29,22 +29,28 @@ from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.simulation import paper_camera, paper_poses, paper_target
 
-METHODS = ("kannala", "gennery", "ep_odd", "ep_even")
-TITLES = {"kannala": "Kannala", "gennery": "Gennery", "ep_odd": "proposed (odd)", "ep_even": "even"}
+METHODS = {
+    "Kannala": Structure("kannala"),
+    "Gennery, 2 terms": Structure("gennery"),
+    "Gennery, 3 terms": Structure("gennery", terms=3),
+    "proposed (odd)": Structure("ep_odd"),
+    "even, 2 terms": Structure("ep_even"),
+    "even, 4 terms": Structure("ep_even", terms=4),
+}
 NAMES = ("fx", "fy", "skew", "cx", "cy", "e1", "e2", "e3", "e4", "k1", "k2", "k3", "k4")
 
 # As printed; the pupil of the Gennery column has four coefficients there, three in his own model.
 PAPER_TABLE_1 = {
-    "kannala": "587.9521 593.1520 0.2314 1020.3841 1028.0564 – – – – 0.0152 0.0161 -0.0232 0.0065 0.2913 0.0891",
-    "gennery": "597.3014 594.0581 0.1526 1013.7982 1024.2808 0.0712 -0.1092 0.2917 0.4861 "
+    "Kannala": "587.9521 593.1520 0.2314 1020.3841 1028.0564 – – – – 0.0152 0.0161 -0.0232 0.0065 0.2913 0.0891",
+    "Gennery, 3 terms": "597.3014 594.0581 0.1526 1013.7982 1024.2808 0.0712 -0.1092 0.2917 0.4861 "
     "-0.0096 0.0028 -0.0132 0.0027 0.2115 0.0792",
-    "ep_odd": "591.7301 592.0340 0.1978 1013.2001 1025.0300 0.0851 -0.2577 0.3016 0.5368 "
+    "proposed (odd)": "591.7301 592.0340 0.1978 1013.2001 1025.0300 0.0851 -0.2577 0.3016 0.5368 "
     "0.0109 -0.0013 0.0008 -0.0004 0.1956 0.0735",
 }
 PAPER_TABLE_2 = {
-    "kannala": (0.1145, 0.1982, 0.3023, None, 0.0298),
-    "gennery": (0.9275, 0.2140, 0.2312, 0.0313, 0.0311),
-    "ep_odd": (0.9081, 0.2047, 0.2147, 0.0305, 0.0354),
+    "Kannala": (0.1145, 0.1982, 0.3023, None, 0.0298),
+    "Gennery, 3 terms": (0.9275, 0.2140, 0.2312, 0.0313, 0.0311),
+    "proposed (odd)": (0.9081, 0.2047, 0.2147, 0.0305, 0.0354),
 }
 GROUPS = (("fx, fy", "f"), ("skew", "s"), ("cx, cy", "c"), ("e, mm", "e"), ("k", "k"))
 ANGLES = (30, 60, 80)  # degrees
@@ -75,7 +81,7 @@ def table_1_scene(setting: Setting) -> Scene:
 def own_scene(setting: Setting, method: str) -> Scene:
     """Views, from the same poses, of the method's own camera that is nearest to the Table 1 camera."""
     scene = table_1_scene(setting)
-    nearest = fit_from_nothing(scene.clean, Structure(method)).state.camera
+    nearest = fit_from_nothing(scene.clean, METHODS[method]).state.camera
     nearest = replace(nearest, theta_max=np.radians(setting.field))
     return Scene.create(nearest, paper_target(), scene.poses)
 
@@ -87,14 +93,14 @@ def in_millimetres(name: str) -> float:
 def table_1(setting: Setting, seed: int) -> Iterator[str]:
     """Parameters, mean error and its standard deviation over the points, px."""
     observations = table_1_scene(setting).draw(setting.noise, seed)
-    fits = {method: fit_from_nothing(observations, Structure(method)) for method in METHODS}
+    fits = {method: fit_from_nothing(observations, METHODS[method]) for method in METHODS}
     ours = {method: _column(fit) for method, fit in fits.items()}
     printed = {method: text.split() for method, text in PAPER_TABLE_1.items()}
     truth = dict(zip(setting.camera.parameter_names, setting.camera.parameters, strict=True))
     header = ["", "truth"]
     rows: list[Sequence[str]]
     for method in METHODS:
-        header += [TITLES[method]] + [f"paper: {TITLES[method]}"] * (method in printed)
+        header += [method] + ["paper"] * (method in printed)
     rows = []
     for row, name in enumerate((*NAMES, "mean error, px", "std of error, px")):
         cells = [name, f"{truth[name] * in_millimetres(name):.4f}" if name in truth else ""]
@@ -105,7 +111,7 @@ def table_1(setting: Setting, seed: int) -> Iterator[str]:
     theta = np.radians(ANGLES)
     rows = [("truth", *(f"{value:+.3f}" for value in 1e3 * setting.camera.entrance_pupil(theta)))]
     for method, fit in fits.items():
-        rows.append((TITLES[method], *(f"{value:+.3f}" for value in 1e3 * fit.state.camera.entrance_pupil(theta))))
+        rows.append((method, *(f"{value:+.3f}" for value in 1e3 * fit.state.camera.entrance_pupil(theta))))
     yield markdown(("", *(f"E({angle}°), mm" for angle in ANGLES)), rows)
 
 
@@ -119,7 +125,7 @@ def _column(fit: Fit) -> list[str]:
 def one_draw(task: tuple[Setting, str, int]) -> tuple[np.ndarray, np.ndarray]:
     """Parameters (P,) and E at ANGLES, metres, of one draw."""
     setting, method, seed = task
-    fit = fit_from_nothing(own_scene(setting, method).draw(setting.noise, seed), Structure(method))
+    fit = fit_from_nothing(own_scene(setting, method).draw(setting.noise, seed), METHODS[method])
     assert fit.adjustment.converged
     return fit.state.camera.parameters, fit.state.camera.entrance_pupil(np.radians(ANGLES))
 
@@ -137,10 +143,10 @@ def table_2(setting: Setting, draws: int, seed: int, workers: int) -> Iterator[s
         spread = unit * found.std(axis=0, ddof=1)
         bound = unit * setting.noise * np.sqrt(np.diag(scene.bound))
         for label, values in (("measured", spread), ("bound", bound)):
-            groups.append((TITLES[method], label, *_by_group(names, values)))
+            groups.append((method, label, *_by_group(names, values)))
         if method in PAPER_TABLE_2:
             printed = ["–" if value is None else f"{value:.4f}" for value in PAPER_TABLE_2[method]]
-            groups.append((TITLES[method], "paper", *printed))
+            groups.append((method, "paper", *printed))
         single[method] = {
             name: f"{spread[i]:.4g} / {bound[i]:.4g} = {spread[i] / bound[i]:.3f}" for i, name in enumerate(names)
         }
@@ -157,7 +163,7 @@ def table_2(setting: Setting, draws: int, seed: int, workers: int) -> Iterator[s
         for name in (*NAMES, *(f"E({angle}°)" for angle in ANGLES))
     ]
     yield "Measured / bound, e and E in mm:\n"
-    yield markdown(("", *(TITLES[method] for method in METHODS)), rows)
+    yield markdown(("", *METHODS), rows)
 
 
 def _by_group(names: tuple[str, ...], values: np.ndarray) -> list[str]:

@@ -20,6 +20,7 @@ def seen_changing(
     turn: float = 0.0,
     shift: float = 0.0,
     wave: float = 0.0,
+    rough: float = 0.0,
     views: int = 20,
     noise: float = 0.1,
     seed: int = 1,
@@ -27,10 +28,12 @@ def seen_changing(
     """What a camera sees of a board whose file knows nothing of all this.
 
     flex, in_plane: standard deviation of each field's coefficient in a view, metres. turn, shift: of the motion within
-    one image, rad and metres. wave: of the board itself, metres.
+    one image, rad and metres. wave: of the board itself, metres. rough: standard deviation of what every point is off
+    by itself, metres.
     """
     nominal, rng = BOARD.object_points, np.random.default_rng([seed, 8])
     still = bent(nominal, "wave", wave, seed) if wave else nominal
+    still = still + np.random.default_rng([seed, 9]).normal(0, rough, nominal.shape)
     poses = poses_of(views, seed)
     fields = smooth_fields(board_frame(nominal), nominal, np.ones(len(nominal), bool), 2).value
     observations = seen(CAMERA, still, poses, 0.0, seed)

@@ -21,6 +21,7 @@ from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE,
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
 from fisheye_ep_calib.target.shape.model import GROUPS, ROUGH_GROUPS
 
+_NEEDED = 2.0  # of −2 log-likelihood, that a smooth field of the target gains at least
 _LIMITS = 0.5  # of the corner noise: a source that is less is not worth a word
 
 
@@ -77,7 +78,8 @@ def error_budget(fit: Fit) -> ErrorBudget:
     linearisation = joint_linearisation(fit)
     models = [linearisation.most_likely((*GROUPS, *LENS_GROUPS, *views)) for views in ((FLEX, IN_PLANE), SHUTTER)]
     best = min(range(2), key=lambda index: models[index][1].deviance(models[index][0]))
-    variances, posterior = models[best]
+    # A smooth field that is not there takes part of what single points are off by, were it let.
+    variances, posterior = linearisation.without_needless(*models[best], SMOOTH_GROUPS, _NEEDED)
     count, unit = linearisation.point_count, fit.sightings.usual_weight
 
     def share(groups: Sequence[str]) -> float:

@@ -16,13 +16,14 @@ from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.report.figures.budget import budget_figure
 
-NOTHING = {"wave": 0.0, "flex": 0.0, "in_plane": 0.0, "turn": 0.0, "shift": 0.0, "noise": 0.0}
+NOTHING = {"wave": 0.0, "rough": 0.0, "flex": 0.0, "in_plane": 0.0, "turn": 0.0, "shift": 0.0, "noise": 0.0}
 MIXTURES = {
     "bends": {"wave": 2e-4, "flex": 1e-4, "noise": 0.1},
     "crumples": {"wave": 3e-4, "flex": 1e-4, "in_plane": 3e-5, "noise": 0.2},
+    "scatters alone": {"rough": 1e-4, "noise": 0.15},
     "moves": {"wave": 1e-4, "turn": 2e-3, "shift": 5e-4, "noise": 0.1},
 }
-PARTS = {"board_px": ("wave",), "view_px": ("flex", "in_plane", "turn", "shift")}
+PARTS = {"board_px": ("wave",), "board_rough_px": ("rough",), "view_px": ("flex", "in_plane", "turn", "shift")}
 
 
 def fitted(**amounts: float) -> Fit:
@@ -37,10 +38,21 @@ def test_every_share_is_what_its_source_does_by_itself(name) -> None:
     assert list(budget) == ["corner_noise_px", "board_px", "board_rough_px", "lens_px", "view_px"]
     assert budget["corner_noise_px"] == pytest.approx(np.sqrt(2) * mixture["noise"], rel=0.06)
     for share, sources in PARTS.items():
+        if not any(mixture.get(source) for source in sources):
+            assert budget[share] < 0.5 * budget["corner_noise_px"], share
+            continue
         alone = fitted(**{source: mixture.get(source, 0.0) for source in sources}).rms_px
         assert budget[share] == pytest.approx(alone, rel=0.15), share
     assert budget["lens_px"] < 0.3 * budget["corner_noise_px"]
     assert np.sqrt(sum(px**2 for px in budget.values())) == pytest.approx(fit.rms_px, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_points_that_are_off_beside_a_board_that_bends_have_their_share(seed) -> None:
+    budget = error_budget(fitted(wave=2e-4, rough=1e-4, noise=0.15, seed=seed))
+    alone = fitted(rough=1e-4, seed=seed).rms_px
+    assert budget.board_rough_px == pytest.approx(alone, rel=0.15)
+    assert 0 < budget.board_px < 0.7 * budget.board_rough_px
 
 
 def test_the_lens_has_its_share(monkeypatch) -> None:
