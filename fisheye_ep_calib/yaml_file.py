@@ -61,8 +61,8 @@ def parse_yaml(text: str, source: str, tags: Container[str] = ()) -> Any:
     except (yaml.YAMLError, RecursionError, UnicodeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f" (line {mark.line + 1})" if mark else ""
-        said = one_line(getattr(error, "problem", None) or first_line(error), _LONGEST_KEY)
-        raise InputError(f"{source} is not valid YAML{where}: {said}") from None
+        problem = one_line(getattr(error, "problem", None) or first_line(error), _LONGEST_KEY)
+        raise InputError(f"{source} is not valid YAML{where}: {problem}") from None
 
 
 class _Reader:

@@ -84,8 +84,8 @@ def screened_fit(
         "adjust": adjusted - initialized,
         "screen": time.perf_counter() - adjusted,
     }
-    found = (screening.rejected, screening.wrong_views)
-    return ScreenedFit(screening.start, fit, *found, seconds, same_place, (*alike, *reasons))
+    left_out = (screening.rejected, screening.wrong_views)
+    return ScreenedFit(screening.start, fit, *left_out, seconds, same_place, (*alike, *reasons))
 
 
 def _in_stages(start: Fit, base: Structure) -> Fit:

@@ -42,10 +42,10 @@ def run(arguments: argparse.Namespace) -> int:
         svp_distance=arguments.svp_distance,
         overwrite=arguments.overwrite,
     )
-    said = sys.stderr if arguments.json else sys.stdout
+    text_stream = sys.stderr if arguments.json else sys.stdout
     for line in done.words[1:]:  # the first says who wrote the file
-        print(line, file=said)
-    print(f"wrote {', '.join(map(str, done.paths))}", file=said)
+        print(line, file=text_stream)
+    print(f"wrote {', '.join(map(str, done.paths))}", file=text_stream)
     if arguments.json:
         print(json_text({"to": arguments.to, "files": list(map(str, done.paths)), "words": list(done.words)}))
     return 0

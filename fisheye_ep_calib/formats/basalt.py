@@ -40,10 +40,10 @@ PLACEHOLDERS: dict[str, Any] = {
 
 def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     """kb4 cameras with one viewpoint, or ds where that is the lens."""
-    central = [one.central((KANNALA_BRANDT, "double_sphere")).camera for one in cameras]
+    central = [placed.central((KANNALA_BRANDT, "double_sphere")).camera for placed in cameras]
     words = (*statement(cameras, central), NO_IMU, "the IMU's biases and noise are placeholders")
     content = {
-        "T_imu_cam": [_pose(one.reference_from_camera) for one in cameras],
+        "T_imu_cam": [_pose(placed.reference_from_camera) for placed in cameras],
         "intrinsics": [_intrinsics(camera) for camera in central],
         "resolution": [list(camera.image_size) for camera in central],
         **PLACEHOLDERS,

@@ -27,17 +27,17 @@ _PINHOLES = ("plumb_bob", "rational_polynomial", "none", "")
 
 def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     """A camera's CameraInfo, as in the camera file; of a stereo pair two, with R and P of the rectified images."""
-    central = [one.central().camera for one in cameras]
+    central = [placed.central().camera for placed in cameras]
     words = statement(cameras, central)
     infos = [plain_camera_info(camera) for camera in central]
     if len(cameras) == 1:
         return Written({"": _text(infos[0], cameras[0].name, words)}, words)
     pair = rectified_pair(cameras[0], cameras[1])
     files = {}
-    for number, one in enumerate(cameras):
+    for number, placed in enumerate(cameras):
         r, p = pair.rectified_from_camera[number], pair.projection[number]
-        placed = replace(infos[number], r=tuple(floats(r.ravel())), p=tuple(floats(p.ravel())))
-        files[f"_{one.name}"] = _text(placed, one.name, words)
+        rectified = replace(infos[number], r=tuple(floats(r.ravel())), p=tuple(floats(p.ravel())))
+        files[f"_{placed.name}"] = _text(rectified, placed.name, words)
     return Written(files, (*words, "R and P are of rectified images: the same row in both, disparity f B / Z"))
 
 

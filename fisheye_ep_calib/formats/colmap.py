@@ -28,7 +28,7 @@ CORNER = 0.5  # px, from the centre of the top-left pixel to its corner
 
 def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     """Cameras with one viewpoint, with as many terms as COLMAP has for them."""
-    central = [one.central((KANNALA_BRANDT, "kannala_brandt_6"), ("tangential",)).camera for one in cameras]
+    central = [placed.central((KANNALA_BRANDT, "kannala_brandt_6"), ("tangential",)).camera for placed in cameras]
     words = statement(cameras, central)
     lines = [f"# {line}" for line in (*words, "CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]")]
     for number, camera in enumerate(central, start=1):
@@ -36,7 +36,7 @@ def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
         lines.append(" ".join(map(repr, [number, *camera.image_size, *values])).replace(" ", f" {model} ", 1))
     files = {"": "\n".join(lines) + "\n"}
     if len(cameras) > 1:
-        rig = [_in_rig(one, camera) for one, camera in zip(cameras, central, strict=True)]
+        rig = [_in_rig(placed, camera) for placed, camera in zip(cameras, central, strict=True)]
         files["_rig_config.json"] = json.dumps([{"cameras": rig}], indent=2) + "\n"
     return Written(files, words)
 
@@ -51,11 +51,11 @@ def parameters(camera: FisheyeCamera) -> tuple[str, list[float]]:
     return "RAD_TAN_THIN_PRISM_FISHEYE", floats([*grid, *radial, p2, p1, 0.0, 0.0, 0.0, 0.0])
 
 
-def _in_rig(one: PlacedCamera, camera: FisheyeCamera) -> dict[str, Any]:
+def _in_rig(placed: PlacedCamera, camera: FisheyeCamera) -> dict[str, Any]:
     model, values = parameters(camera)
-    own = {"image_prefix": f"{one.name}/", "camera_model_name": model, "camera_params": values}
-    pose = one.camera_from_reference
-    if (pose == one.reference_from_camera).all():
+    own = {"image_prefix": f"{placed.name}/", "camera_model_name": model, "camera_params": values}
+    pose = placed.camera_from_reference
+    if (pose == placed.reference_from_camera).all():
         return {**own, "ref_sensor": True}
     x, y, z, w = rotation_quaternion(pose)
     return {**own, "cam_from_rig_rotation": [w, x, y, z], "cam_from_rig_translation": floats(pose[:3, 3])}

@@ -25,7 +25,7 @@ LENSES = (KANNALA_BRANDT, "double_sphere")
 
 def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     """Intrinsics are those of a camera with one viewpoint: Kalibr knows no other."""
-    central = [one.central(LENSES).camera for one in cameras]
+    central = [placed.central(LENSES).camera for placed in cameras]
     words = statement(cameras, central)
     return Written({"": "".join(f"# {line}\n" for line in words) + camchain(cameras, central)}, words)
 
@@ -33,19 +33,19 @@ def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
 def camchain(cameras: Sequence[PlacedCamera], central: Sequence[FisheyeCamera]) -> str:
     """The file's text. central: of each camera, the one with a single viewpoint that is written."""
     content = {}
-    for number, (one, camera) in enumerate(zip(cameras, central, strict=True)):
+    for number, (placed, camera) in enumerate(zip(cameras, central, strict=True)):
         step = {}
         if number > 0:
-            pose = one.camera_from_reference @ cameras[number - 1].reference_from_camera
+            pose = placed.camera_from_reference @ cameras[number - 1].reference_from_camera
             step = {"T_cn_cnm1": [floats(row) for row in pose]}
-        content[f"cam{number}"] = {**step, "cam_overlaps": sorted(one.overlaps), **camera_keys(one, camera)}
+        content[f"cam{number}"] = {**step, "cam_overlaps": sorted(placed.overlaps), **camera_keys(placed, camera)}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1 << 16)
 
 
-def camera_keys(one: PlacedCamera, camera: FisheyeCamera) -> dict[str, Any]:
+def camera_keys(placed: PlacedCamera, camera: FisheyeCamera) -> dict[str, Any]:
     """What Kalibr says of one camera."""
     grid = [camera.fx, camera.fy, camera.cx, camera.cy]
-    shared = {"resolution": list(camera.image_size), "rostopic": one.image_topic}
+    shared = {"resolution": list(camera.image_size), "rostopic": placed.image_topic}
     if camera.lens == "double_sphere":
         model = {"camera_model": "ds", "distortion_coeffs": [], "distortion_model": "none"}
         return {**model, "intrinsics": floats([*camera.radial, *grid]), **shared}

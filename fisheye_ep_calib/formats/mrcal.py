@@ -38,12 +38,12 @@ _MODEL = re.compile(r"LENSMODEL_(PINHOLE|STEREOGRAPHIC|OPENCV(?:4|5|8|12)|CAHVOR
 
 def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     """LENSMODEL_CAHVORE with linearity 0; of a rig a file a camera, with the camera's name in its name."""
-    written = [cahvore(one.camera) for one in cameras]
+    written = [cahvore(placed.camera) for placed in cameras]
     words = (*statement(cameras, written), "no optimization_inputs: mrcal cannot tell its uncertainty from this file")
     pairs = list(zip(cameras, written, strict=True))
     if len(pairs) == 1:
         return Written({"": _text(*pairs[0], words)}, words)
-    return Written({f"_{one.name}": _text(one, camera, words) for one, camera in pairs}, words)
+    return Written({f"_{placed.name}": _text(placed, camera, words) for placed, camera in pairs}, words)
 
 
 def cahvore(camera: FisheyeCamera) -> FisheyeCamera:
@@ -53,8 +53,8 @@ def cahvore(camera: FisheyeCamera) -> FisheyeCamera:
 
     pixels, points = [], []
     for distance in _FITTED if camera.coefficients else _FITTED[-1:]:
-        seen, where = points_over_image(camera, distance)
-        pixels.append(seen)
+        own, where = points_over_image(camera, distance)
+        pixels.append(own)
         points.append(FAR * where if np.isinf(distance) else where)
     series = camera.lens in ("kannala_brandt", "kannala_brandt_6")
     start = FisheyeCamera(
@@ -82,11 +82,11 @@ def _gennery(camera: FisheyeCamera) -> tuple[float, ...]:
     return tuple(floats(np.linalg.lstsq(basis.T, camera.entrance_pupil(theta), rcond=None)[0]))
 
 
-def _text(one: PlacedCamera, camera: FisheyeCamera, words: tuple[str, ...]) -> str:
+def _text(placed: PlacedCamera, camera: FisheyeCamera, words: tuple[str, ...]) -> str:
     _, r0, r1, r2 = camera.radial
     pupil = (*camera.coefficients, 0.0, 0.0, 0.0)[:_TERMS]
     intrinsics = floats([camera.fx, camera.fy, camera.cx, camera.cy, 0.0, 0.0, r0, r1, r2, *pupil])
-    pose = one.camera_from_reference
+    pose = placed.camera_from_reference
     extrinsics = floats([*vector_from_rotation(pose[:3, :3]), *pose[:3, 3]])
     lines = [f"# {line}" for line in words] + ["{"]
     lines += ["    'lensmodel': 'LENSMODEL_CAHVORE_linearity=0.00',", f"    'intrinsics': {intrinsics},"]
@@ -106,17 +106,17 @@ def read(text: str) -> list[ForeignCamera]:
     if not isinstance(content, dict):
         raise InputError("a cameramodel is a dict")
     model = str(content["lensmodel"])
-    known = _MODEL.fullmatch(model)
-    if not known:
+    match = _MODEL.fullmatch(model)
+    if not match:
         raise InputError(
             f"{model[:80]} is not known here; known: PINHOLE, STEREOGRAPHIC, OPENCV4 to 12, CAHVOR, CAHVORE"
         )
     width, height = content["imagersize"]
     size = checked_size(int(width), int(height))
     values = floats(content["intrinsics"])
-    kind = known[1]
+    kind = match[1]
     if kind.startswith("CAHVOR"):
-        return [_cahvor(size, values, model, 1.0 if known[2] is None else float(known[2]), known[2] is not None)]
+        return [_cahvor(size, values, model, 1.0 if match[2] is None else float(match[2]), match[2] is not None)]
     fx, fy, cx, cy, *distortion = values
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     expected = int(kind.removeprefix("OPENCV")) if kind.startswith("OPENCV") else 0

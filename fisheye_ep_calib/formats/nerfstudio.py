@@ -23,7 +23,7 @@ _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # the camera's frame here from OpenGL
 
 def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     """Kannala–Brandt cameras with one viewpoint."""
-    central = [one.central().camera for one in cameras]
+    central = [placed.central().camera for placed in cameras]
     words = statement(cameras, central)
     content: dict[str, Any] = {"camera_model": "OPENCV_FISHEYE", "fisheye_ep_calib": list(words)}
     frames = []
@@ -31,9 +31,9 @@ def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
         content |= _intrinsics(central[0])
     else:
         words = (*words, "a frame a camera, with its pose in the rig: file_path is to be replaced by an image's")
-        for one, camera in zip(cameras, central, strict=True):
-            pose = (one.reference_from_camera @ _OPENGL).tolist()
-            frames.append({"file_path": f"{one.name}.png", "transform_matrix": pose, **_intrinsics(camera)})
+        for placed, camera in zip(cameras, central, strict=True):
+            pose = (placed.reference_from_camera @ _OPENGL).tolist()
+            frames.append({"file_path": f"{placed.name}.png", "transform_matrix": pose, **_intrinsics(camera)})
     return Written({"": json.dumps({**content, "frames": frames}, indent=2) + "\n"}, words)
 
 

@@ -30,7 +30,7 @@ def write(cameras: Sequence[PlacedCamera], named: Named) -> Written:
     """cv::fisheye cameras; XML where the output is called so. Of several, K1, D1, K2, D2, …, R12, T12, …"""
     import cv2
 
-    central = [one.central().camera for one in cameras]
+    central = [placed.central().camera for placed in cameras]
     words = statement(cameras, central)
     ending = ".xml" if named("").lower().endswith(".xml") else ".yaml"
     storage = cv2.FileStorage(ending, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
@@ -53,13 +53,13 @@ def _write_size(storage: Any, camera: FisheyeCamera, number: str) -> None:
 
 
 def _write_rig(storage: Any, cameras: Sequence[PlacedCamera], central: Sequence[FisheyeCamera]) -> None:
-    for number, (one, camera) in enumerate(zip(cameras, central, strict=True), start=1):
-        storage.write(f"name{number}", one.name)
+    for number, (placed, camera) in enumerate(zip(cameras, central, strict=True), start=1):
+        storage.write(f"name{number}", placed.name)
         _write_size(storage, camera, str(number))
         storage.write(f"K{number}", _matrix(camera))
         storage.write(f"D{number}", np.array([camera.radial]).T)
         if number > 1:
-            pose = one.camera_from_reference @ cameras[0].reference_from_camera
+            pose = placed.camera_from_reference @ cameras[0].reference_from_camera
             storage.write(f"R1{number}", pose[:3, :3])
             storage.write(f"T1{number}", pose[:3, 3:])
 
@@ -113,9 +113,9 @@ def _image_size(keys: dict[str, Any], number: str) -> tuple[int, int]:
         if size is not None:
             width, height = (int(value) for value in _array(size).ravel())
             return width, height
-        found = [_found(keys, names, end) for names in (_WIDTH, _HEIGHT)]
-        if None not in found:
-            width, height = (int(value) for value in found if value is not None)
+        sizes = [_found(keys, names, end) for names in (_WIDTH, _HEIGHT)]
+        if None not in sizes:
+            width, height = (int(value) for value in sizes if value is not None)
             return width, height
     raise InputError("it does not say the size of the images: add the keys image_width and image_height")
 

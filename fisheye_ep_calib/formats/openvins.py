@@ -27,14 +27,14 @@ NO_IMU = "no IMU is known: T_imu_cam is from camera to reference camera; put the
 
 def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     """Kannala–Brandt cameras with one viewpoint."""
-    central = [one.central().camera for one in cameras]
+    central = [placed.central().camera for placed in cameras]
     words = (*statement(cameras, central), NO_IMU)
     content = {}
-    for number, (one, camera) in enumerate(zip(cameras, central, strict=True)):
+    for number, (placed, camera) in enumerate(zip(cameras, central, strict=True)):
         content[f"cam{number}"] = {
-            "T_imu_cam": [floats(row) for row in one.reference_from_camera],
-            "cam_overlaps": sorted(one.overlaps),
-            **camera_keys(one, camera),
+            "T_imu_cam": [floats(row) for row in placed.reference_from_camera],
+            "cam_overlaps": sorted(placed.overlaps),
+            **camera_keys(placed, camera),
             "timeshift_cam_imu": 0.0,
         }
     head = "%YAML:1.0\n" + "".join(f"# {line}\n" for line in words)

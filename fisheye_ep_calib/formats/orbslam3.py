@@ -38,7 +38,7 @@ Viewer.ViewpointF: 500.0
 
 def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     """Kannala–Brandt cameras with one viewpoint."""
-    central = [one.central().camera for one in cameras]
+    central = [placed.central().camera for placed in cameras]
     words = statement(cameras, central)
     width, height = central[0].image_size
     lines = ["%YAML:1.0", *(f"# {line}" for line in words), 'File.version: "1.0"', 'Camera.type: "KannalaBrandt8"']

@@ -84,16 +84,16 @@ def statement(cameras: Sequence[PlacedCamera], written: Sequence[FisheyeCamera])
     from fisheye_ep_calib.calibration.assessing.stand_in import loss_px
 
     lines = [f"written by fisheye_ep_calib {__version__}; metres, pixels, x right, y down, z forward"]
-    for one, other in zip(cameras, written, strict=True):
-        losses = loss_px(one.camera, other, _LOSSES)
+    for placed, other in zip(cameras, written, strict=True):
+        losses = loss_px(placed.camera, other, _LOSSES)
         told = ", ".join(f"{loss:.4g} px at {_distance(far)}" for far, loss in losses.items() if np.isfinite(loss))
         exact = max(losses.values()) < _ROUNDING
         what = "the full camera, to rounding" if exact else f"RMS over the image against the full camera: {told}"
-        lines.append(f"{one.name}: {what}")
-        if one.camera.coefficients and not other.coefficients:
-            lines.append(f"{one.name}: a single viewpoint, nearest for points at {_distance(one.distance)}")
-        lost = _lost(one.camera, other)
-        lines.append(f"{one.name}: not in this file: {', '.join(lost)}")
+        lines.append(f"{placed.name}: {what}")
+        if placed.camera.coefficients and not other.coefficients:
+            lines.append(f"{placed.name}: a single viewpoint, nearest for points at {_distance(placed.distance)}")
+        lost = _lost(placed.camera, other)
+        lines.append(f"{placed.name}: not in this file: {', '.join(lost)}")
     return tuple(lines)
 
 

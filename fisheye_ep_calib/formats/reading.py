@@ -34,12 +34,12 @@ def read_foreign(text: str, format: Format, chosen: str = "") -> ForeignCamera:
     cameras = foreign_cameras(text, format)
     if not chosen and len(cameras) == 1:
         return cameras[0]
-    found = [one for one in cameras if one.name == chosen]
-    if not found:
-        names = ", ".join(one_line(one.name, 60) for one in cameras)
+    named = [foreign for foreign in cameras if foreign.name == chosen]
+    if not named:
+        names = ", ".join(one_line(foreign.name, 60) for foreign in cameras)
         told = f"no camera is called {shown(chosen)}" if chosen else "several cameras are in it"
         raise InputError(f"{told}: add one of {names} to the file's name, as in FILE:{one_line(cameras[0].name, 60)}")
-    return found[0]
+    return named[0]
 
 
 def foreign_cameras(text: str, format: Format) -> list[ForeignCamera]:
@@ -50,7 +50,7 @@ def foreign_cameras(text: str, format: Format) -> list[ForeignCamera]:
         cameras = format.read(text)
         if not 0 < len(cameras) <= _MOST_CAMERAS:
             raise InputError(f"{len(cameras)} cameras are in it")
-        return [replace(one, camera=_within_image(one.camera)) for one in cameras]
+        return [replace(foreign, camera=_within_image(foreign.camera)) for foreign in cameras]
 
 
 @contextmanager
@@ -87,8 +87,8 @@ def stand_in_of(camera: FisheyeCamera) -> FisheyeCamera:
     return single_viewpoint(camera).camera
 
 
-def origin(found: ForeignCamera, format: Format) -> str:
+def origin(foreign: ForeignCamera, format: Format) -> str:
     """Where a camera comes from, in words."""
-    turned = float(np.degrees(np.arccos(np.clip(found.file_from_camera[2, 2], -1, 1))))
+    turned = float(np.degrees(np.arccos(np.clip(foreign.file_from_camera[2, 2], -1, 1))))
     frame = f"; its optical axis is turned by {turned:.3f}° in the file's frame" if turned > 1e-9 else ""
-    return f"{format.summary}: {one_line(found.model, 60)}{frame}"
+    return f"{format.summary}: {one_line(foreign.model, 60)}{frame}"

@@ -31,11 +31,11 @@ def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     parent = several(cameras)[0].name
     words = (f"frames NAME_optical_frame: x right, y down, z forward; the parent is {frame_of(parent)}",)
     lines = ["#!/bin/sh", *(f"# {line}" for line in words)]
-    for one in cameras[1:]:
-        values = [*floats(one.reference_from_camera[:3, 3]), *rotation_quaternion(one.reference_from_camera)]
+    for placed in cameras[1:]:
+        values = [*floats(placed.reference_from_camera[:3, 3]), *rotation_quaternion(placed.reference_from_camera)]
         named = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), values, strict=True)
         numbers = [f"--{name} {value!r}" for name, value in named]
-        frames = f"--frame-id {shlex.quote(frame_of(parent))} --child-frame-id {shlex.quote(frame_of(one.name))}"
+        frames = f"--frame-id {shlex.quote(frame_of(parent))} --child-frame-id {shlex.quote(frame_of(placed.name))}"
         lines.append(f"ros2 run tf2_ros static_transform_publisher {' '.join(numbers)} {frames} &")
     return Written({"": "\n".join([*lines, "wait", ""])}, words)
 

@@ -21,15 +21,15 @@ def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     parent = frame_of(several(cameras)[0].name)
     words = (f"links NAME_optical_frame: x right, y down, z forward; the parent is {parent}",)
     lines = ['<?xml version="1.0"?>', *(f"<!-- {line} -->" for line in words), '<robot name="cameras">']
-    lines += [f"  <link name={quoteattr(frame_of(one.name))}/>" for one in cameras]
-    for one in cameras[1:]:
-        turn = Rotation.from_matrix(one.reference_from_camera[:3, :3]).as_euler("xyz")
-        shift = floats(one.reference_from_camera[:3, 3])
+    lines += [f"  <link name={quoteattr(frame_of(placed.name))}/>" for placed in cameras]
+    for placed in cameras[1:]:
+        turn = Rotation.from_matrix(placed.reference_from_camera[:3, :3]).as_euler("xyz")
+        shift = floats(placed.reference_from_camera[:3, 3])
         xyz, rpy = (" ".join(map(repr, values)) for values in (shift, floats(turn)))
         lines += [
-            f'  <joint name={quoteattr(f"{one.name}_optical_joint")} type="fixed">',
+            f'  <joint name={quoteattr(f"{placed.name}_optical_joint")} type="fixed">',
             f"    <parent link={quoteattr(parent)}/>",
-            f"    <child link={quoteattr(frame_of(one.name))}/>",
+            f"    <child link={quoteattr(frame_of(placed.name))}/>",
             f'    <origin xyz="{xyz}" rpy="{rpy}"/>',
             "  </joint>",
         ]

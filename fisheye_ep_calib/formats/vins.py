@@ -39,11 +39,14 @@ save_image: 1
 
 def write(cameras: Sequence[PlacedCamera], named: Named) -> Written:
     """One camera: its file. Two: the configuration, which names the cameras' files beside it."""
-    central = [one.central().camera for one in cameras]
+    central = [placed.central().camera for placed in cameras]
     words = statement(cameras, central)
     if len(cameras) == 1:
         return Written({"": _camera_text(cameras[0].name, central[0], words)}, words)
-    files = {f"_{one.name}": _camera_text(one.name, camera, ()) for one, camera in zip(cameras, central, strict=True)}
+    files = {
+        f"_{placed.name}": _camera_text(placed.name, camera, ())
+        for placed, camera in zip(cameras, central, strict=True)
+    }
     return Written({"": _configuration(cameras, central, words, named), **files}, words)
 
 
@@ -61,11 +64,11 @@ def _configuration(
 ) -> str:
     width, height = central[0].image_size
     lines = ["%YAML:1.0", *(f"# {line}" for line in words), "imu: 0", f"num_of_cam: {len(cameras)}"]
-    for number, one in enumerate(cameras):
-        lines.append(f'image{number}_topic: "{one.image_topic}"')
-        lines.append(f'cam{number}_calib: "{named(f"_{one.name}")}"')
+    for number, placed in enumerate(cameras):
+        lines.append(f'image{number}_topic: "{placed.image_topic}"')
+        lines.append(f'cam{number}_calib: "{named(f"_{placed.name}")}"')
         lines += [f"body_T_cam{number}: !!opencv-matrix", "   rows: 4", "   cols: 4", "   dt: d"]
-        lines.append(f"   data: [{_row(one.reference_from_camera)}]")
+        lines.append(f"   data: [{_row(placed.reference_from_camera)}]")
     lines += [f"image_width: {width}", f"image_height: {height}"]
     return "\n".join(lines) + _OTHER
 

@@ -72,7 +72,7 @@ def advise(
     offered = candidates(camera, board, faces_away(board, poses), sight)
     ends = light_ends(camera, 2 * np.pi * np.arange(SECTORS) / SECTORS, sight)
     field = Field.of(few_points(board.points), poses, offered.poses, ends)
-    findings = _open([field.finding, *(one for one in result.diagnosis.findings if one.name != "coverage")])
+    findings = _open([field.finding, *(other for other in result.diagnosis.findings if other.name != "coverage")])
     suggestions = next_views(camera, board, poses, offered, AHEAD, field, tried)
     against = sigma_against_guided(camera, board, poses, offered, _goal_angle(camera))
     rings = int(np.flatnonzero(field.reachable.any(axis=1)).max(initial=0)) + 1
@@ -85,7 +85,7 @@ def advise(
         "gain": round(suggestions[0].gain, 3) if suggestions else 0.0,
         "sigma_against_40_guided": round(against, 3) if np.isfinite(against) else None,
     }
-    plan = tuple(_wanted(one, result.camera, board) for one in suggestions)
+    plan = tuple(_wanted(suggestion, result.camera, board) for suggestion in suggestions)
     told = tuple(finding.sentence for finding in findings)
     lacking = tuple(finding.sentence for finding in findings if finding.name in _BY_SHOWING)
     return Advice(plan, told, lacking, figures, against)
@@ -97,12 +97,14 @@ def first_plan(
     """What to show before the first calibration. known: the camera, where a file has it."""
     board = Board.of(target)
     views = first_views(board, image_size, sight, not target.y_up, known)
-    return tuple(_wanted(one, known or assumed_camera(image_size, sight), board) for one in views)
+    return tuple(_wanted(suggestion, known or assumed_camera(image_size, sight), board) for suggestion in views)
 
 
 def _open(findings: Sequence[Finding]) -> list[Finding]:
     rank = {name: number for number, name in enumerate(_BY_SHOWING)}
-    return sorted((one for one in findings if one.concern), key=lambda one: rank.get(one.name, len(rank)))
+    return sorted(
+        (finding for finding in findings if finding.concern), key=lambda finding: rank.get(finding.name, len(rank))
+    )
 
 
 def _goal_angle(camera: FisheyeCamera) -> float:

@@ -130,8 +130,8 @@ class LiveCamera(Subject[Outcome]):
         outcome = self.outcome
         due = self.looks.last.number % _FRAMES_A_PLAN == 1
         if due and (outcome is None or outcome.advice is None):
-            known = None if outcome is None else outcome.camera
-            self.follow(first_plan(self.views.target, sighting.image_size, self.seeing.sight(), known))
+            camera = None if outcome is None else outcome.camera
+            self.follow(first_plan(self.views.target, sighting.image_size, self.seeing.sight(), camera))
         view = view_of(sighting, self.views.target) if len(sighting.detection) else None
         self.guide.searched(None if view is None else view.signature)
 

@@ -66,7 +66,7 @@ def check_views(observations: Observations, known: Outcome) -> CheckResult:
     figures |= {
         "board": chosen.sentence,
         "verdict": verdict.headline,
-        "concerns": [one.sentence for one in findings if one.concern],
+        "concerns": [finding.sentence for finding in findings if finding.concern],
     }
     level = BAD if expected is not None and evaluation.rms_px > _NO_LONGER * expected else verdict.level
     return CheckResult(level, _sentence(level, evaluation.rms_px, expected), figures)
@@ -151,8 +151,8 @@ class Check:
             return Verdict.OTHER_SIZE
         now = self._clock()
         with self._lock:
-            lately = [(when, one) for when, one in self._views if now - when < WINDOW]
-            others = [(when, one) for when, one in lately if is_new(view.signature, [one.signature])]
+            lately = [(when, view_kept) for when, view_kept in self._views if now - when < WINDOW]
+            others = [(when, view_kept) for when, view_kept in lately if is_new(view.signature, [view_kept.signature])]
             self._views = [*others, (now, view)][-MOST_VIEWS:]
             self._stale = True
         self._measure()

@@ -50,8 +50,8 @@ class Guide:
     def follow(self, plan: Sequence[Wanted], kept: Sequence[ViewSignature] = ()) -> None:
         """A new plan, without what a kept view shows already and, while more is left, what was tried in vain."""
         with self._lock:
-            new = [one for one in plan if not any(_reached(one, view) for view in kept)]
-            left = [one for one in new if not any(one.suggestion.like(tried) for tried in self._tried)]
+            new = [wanted for wanted in plan if not any(_reached(wanted, view) for view in kept)]
+            left = [wanted for wanted in new if not any(wanted.suggestion.like(tried) for tried in self._tried)]
             if new and not left:
                 left, self._tried = new, []
             same = self._plan and left and left[0].suggestion.like(self._plan[0].suggestion)

@@ -81,12 +81,14 @@ def draw_overlay(
     return picture
 
 
-def _draw_steering(picture: np.ndarray, found: np.ndarray, wanted: np.ndarray, steering: Steering, unit: float) -> None:
+def _draw_steering(
+    picture: np.ndarray, measured: np.ndarray, wanted: np.ndarray, steering: Steering, unit: float
+) -> None:
     """An arrow to where the board is wanted; once there, arrows outwards for nearer, inwards for farther; the side to
     bring nearer as a bar with an arrow towards the one who looks.
     """
-    here, there = found.mean(axis=0), wanted.mean(axis=0)
-    reach = 0.5 * float(np.ptp(found, axis=0).max())
+    here, there = measured.mean(axis=0), wanted.mean(axis=0)
+    reach = 0.5 * float(np.ptp(measured, axis=0).max())
     if steering.move != (0.0, 0.0):
         _arrow(picture, here, there, unit)
     elif steering.nearer:

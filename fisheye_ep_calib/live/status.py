@@ -179,9 +179,9 @@ def next_step(camera: LiveCamera, tuning: Tuning) -> str:
     if outcome.advice is None:
         return pose
     if camera.reached(tuning):
-        known = f"the entrance pupil is known to {outcome.pupil_band_mm:.2g} mm, "
-        known = known if np.isfinite(outcome.pupil_band_mm) else ""
-        return f"the goal is reached: {known}save, or go on" + _besides(outcome.advice.findings)
+        sentence = f"the entrance pupil is known to {outcome.pupil_band_mm:.2g} mm, "
+        sentence = sentence if np.isfinite(outcome.pupil_band_mm) else ""
+        return f"the goal is reached: {sentence}save, or go on" + _besides(outcome.advice.findings)
     if outcome.advice.lacking:
         return f"{outcome.advice.lacking[0]}. Next: {pose}"
     return pose

@@ -85,8 +85,8 @@ def source_of_run(
     _log.info("%s", run.summary())
     outcome: Observations | CalibrationError
     try:
-        found = run.observations(target.object_points, target.disc_radius)
-        outcome = replace(found, board=target.shape, mistakable=not target.unmistakable)
+        observations = run.observations(target.object_points, target.disc_radius)
+        outcome = replace(observations, board=target.shape, mistakable=not target.unmistakable)
     except CalibrationError as error:
         outcome = error
 

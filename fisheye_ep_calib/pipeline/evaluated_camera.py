@@ -58,11 +58,11 @@ class EvaluatedCamera(Evaluation):
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What stands out by angle, distance and view, and of the board."""
-        found = evaluation_findings(self, self.observations, self.camera_file.camera.theta_max)
+        findings = evaluation_findings(self, self.observations, self.camera_file.camera.theta_max)
         if self.camera_file.origin:  # where its calibration saw points is not known either
-            found = (*(one for one in found if one.name != BEYOND_EVIDENCE), self._of_another_program)
+            findings = (*(finding for finding in findings if finding.name != BEYOND_EVIDENCE), self._of_another_program)
         of_board = None if self.chosen is None else self.chosen.finding
-        return found if of_board is None else (*found, of_board)
+        return findings if of_board is None else (*findings, of_board)
 
     @property
     def _of_another_program(self) -> Finding:
@@ -81,10 +81,10 @@ class EvaluatedCamera(Evaluation):
             return f"the board has the bow alone that the calibration found, as was asked{aside}"
         if self.chosen is None:
             return "the board is taken as its file has it"
-        known = self.camera_file.board
-        if known is None and self.flat and self.camera_file.board_warp.any():
+        board = self.camera_file.board
+        if board is None and self.flat and self.camera_file.board_warp.any():
             return "the board is taken as its file has it, the calibration found it bent: `board_warp` takes its bow"
-        another = known is not None and known.bends and not known.same_target(self.observations.object_points)
+        another = board is not None and board.bends and not board.same_target(self.observations.object_points)
         return f"another board than the calibration's: {self.chosen.sentence}" if another else self.chosen.sentence
 
     @property

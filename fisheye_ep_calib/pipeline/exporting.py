@@ -26,7 +26,7 @@ class Exported:
 
 def writable_formats() -> list[str]:
     """Names of the formats that ``export`` knows."""
-    return [name for name, one in FORMATS.items() if one.write is not None]
+    return [name for name, foreign in FORMATS.items() if foreign.write is not None]
 
 
 def export(
@@ -81,8 +81,8 @@ def placed_cameras(camera: AnyCamera, svp_distance: float | None = None) -> Sequ
 
     if isinstance(camera, str | PathLike) and is_rig_file(Path(camera)):
         return _of_rig(Path(camera), svp_distance)
-    known = known_camera(camera)
-    return [PlacedCamera(known.name, known.camera, svp_distance or known.stand_in_distance)]
+    file = known_camera(camera)
+    return [PlacedCamera(file.name, file.camera, svp_distance or file.stand_in_distance)]
 
 
 def _of_rig(path: Path, svp_distance: float | None) -> list[PlacedCamera]:
@@ -96,13 +96,13 @@ def _of_rig(path: Path, svp_distance: float | None) -> list[PlacedCamera]:
         raise InputError(f"{path} names no camera_file for {', '.join(missing)}")
     cameras = []
     for name in names:
-        known = known_camera(path.parent / rig.camera_files[name])
+        file = known_camera(path.parent / rig.camera_files[name])
         beside = {other for pair in rig.overlaps if name in pair for other in pair if other != name}
         cameras.append(
             PlacedCamera(
                 name,
-                known.camera,
-                svp_distance or known.stand_in_distance,
+                file.camera,
+                svp_distance or file.stand_in_distance,
                 np.linalg.inv(rig.reference_from_camera[names[0]]) @ rig.reference_from_camera[name],
                 rig.topics.get(name, ""),
                 tuple(sorted(number[other] for other in beside if other in number)),

@@ -79,10 +79,10 @@ def detectable(camera: FisheyeCamera, board: Board, poses: np.ndarray, sight: Si
     camera = beyond_evidence(camera)
     in_camera = board.outline @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
     pixels, valid, d_point, _ = camera.project_with_jacobian(in_camera)
-    seen = (valid & sight.shows(pixels, camera.image_size)).all(axis=-1)
+    visible = (valid & sight.shows(pixels, camera.image_size)).all(axis=-1)
     plane = np.nan_to_num(d_point @ poses[:, None, :3, :2])
     smallest = np.linalg.svd(plane, compute_uv=False)[..., 1].min(axis=-1)
-    result: np.ndarray = seen & (board.feature * smallest >= sight.least_feature)
+    result: np.ndarray = visible & (board.feature * smallest >= sight.least_feature)
     return result
 
 

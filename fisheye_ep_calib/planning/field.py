@@ -90,7 +90,10 @@ class Field:
             theta, _, distance = self._angles(poses)
             outer = theta > _OUTER * self.rim
             median = np.array(
-                [np.median(one[which]) if which.any() else np.nan for one, which in zip(distance, outer, strict=True)]
+                [
+                    np.median(distances[which]) if which.any() else np.nan
+                    for distances, which in zip(distance, outer, strict=True)
+                ]
             )
             with np.errstate(invalid="ignore"):
                 apart = np.maximum(median / self.nearest, self.farthest / median)
@@ -101,8 +104,8 @@ class Field:
         """Once a view at a pose (4, 4) is kept."""
         theta, _, distance = self._angles(pose[None])
         outer = distance[0][theta[0] > _OUTER * self.rim]
-        known = [value for value in (self.nearest, self.farthest, *outer) if np.isfinite(value)]
-        near, far = (min(known), max(known)) if known else (np.nan, np.nan)
+        finite = [value for value in (self.nearest, self.farthest, *outer) if np.isfinite(value)]
+        near, far = (min(finite), max(finite)) if finite else (np.nan, np.nan)
         return replace(self, counts=self.counts + self._cells(pose[None])[0], nearest=near, farthest=far)
 
     def _angles(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

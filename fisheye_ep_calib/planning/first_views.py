@@ -60,7 +60,7 @@ def first_views(
     camera = known or assumed_camera(image_size, sight)
     edge = _EDGE_OF_CIRCLE if sight.lit.mean() < _FULL_FRAME else _HALF_FIELD_OF_FULL_FRAME
     edge = edge if known is None else min(known.theta_limit, _EDGE_OF_CIRCLE)
-    found: list[Suggestion] = []
+    chosen: list[Suggestion] = []
     for share, sector, half_angle, tilt in _PLAN:
         farthest = board.radius / np.tan(np.radians(half_angle))
         for nearer, less in product(_NEARER, _LESS):
@@ -69,8 +69,8 @@ def first_views(
             fitting = detectable(camera, board, poses, sight)
             numbers = np.flatnonzero(fitting & ((grid[:, 0] == 0) | np.isclose(grid[:, 1], sector * np.pi / 4)))
             if len(numbers):
-                number = numbers[len(found) % len(numbers)]  # tilts about one axis after the other
+                number = numbers[len(chosen) % len(numbers)]  # tilts about one axis after the other
                 theta, azimuth, distance, angle = (float(value) for value in grid[number])
-                found.append(Suggestion(theta, azimuth, distance, angle, poses[number], 0.0, guessed=known is None))
+                chosen.append(Suggestion(theta, azimuth, distance, angle, poses[number], 0.0, guessed=known is None))
                 break
-    return found
+    return chosen

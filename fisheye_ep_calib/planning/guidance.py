@@ -83,9 +83,13 @@ class Suggestion:
         """Whether the two are nearly the same place and distance."""
         directions = [
             np.array(
-                [np.sin(one.theta) * np.cos(one.azimuth), np.sin(one.theta) * np.sin(one.azimuth), np.cos(one.theta)]
+                [
+                    np.sin(suggestion.theta) * np.cos(suggestion.azimuth),
+                    np.sin(suggestion.theta) * np.sin(suggestion.azimuth),
+                    np.cos(suggestion.theta),
+                ]
             )
-            for one in (self, other)
+            for suggestion in (self, other)
         ]
         angle = np.arccos(np.clip(directions[0] @ directions[1], -1, 1))
         nearer, farther = sorted((self.distance, other.distance))
@@ -111,8 +115,8 @@ def candidates(camera: FisheyeCamera, board: Board, away: bool, sight: Sight = E
     """
     distances = _distances(camera, board, sight)
     grid, poses = candidate_poses(board.points, away, distances)
-    seen = detectable(camera, board, poses, sight)
-    grid, poses = grid[seen], poses[seen]
+    visible = detectable(camera, board, poses, sight)
+    grid, poses = grid[visible], poses[visible]
     information = view_information(replace(camera, theta_max=np.pi), few_points(board.points), poses).information
     return Candidates(grid, poses, information)
 
@@ -137,7 +141,7 @@ def next_views(
     sought = sought_rows(camera)
     left = np.ones(len(offered.grid), dtype=bool)
     for number in range(len(left)):
-        left[number] = not any(offered.suggestion(number, 0.0).like(one) for one in tried)
+        left[number] = not any(offered.suggestion(number, 0.0).like(vain) for vain in tried)
     chosen: list[Suggestion] = []
     while len(chosen) < count and left.any():
         gain = variance_reduction(offered.information, so_far, sought) / len(sought)

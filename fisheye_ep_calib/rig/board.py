@@ -27,20 +27,22 @@ def rig_board(
     cameras: Sequence[FisheyeCamera], observations: Sequence[Observations], measured: BoardShape | None
 ) -> EvaluatedBoard:
     """observations: of each camera, every point under one name. measured: the shape that a calibration found."""
-    compared = [evaluated_board(camera, seen, measured) for camera, seen in zip(cameras, observations, strict=True)]
-    known: dict[str, BoardShape | None] = {AS_FILE: known_board(seen.board for seen in observations)}
+    compared = [
+        evaluated_board(camera, of_camera, measured) for camera, of_camera in zip(cameras, observations, strict=True)
+    ]
+    shapes: dict[str, BoardShape | None] = {AS_FILE: known_board(of_camera.board for of_camera in observations)}
     if measured is not None and measured.bends and measured.same_target(observations[0].object_points):
-        known[MEASURED] = measured
+        shapes[MEASURED] = measured
     own = known_board(each.board for each in compared if each.source == ESTIMATED)
     held_out = [dict(each.held_out_px) for each in compared]
     if own is not None:
-        for camera, seen, each, errors in zip(cameras, observations, compared, held_out, strict=True):
+        for camera, of_camera, each, errors in zip(cameras, observations, compared, held_out, strict=True):
             if errors and each.board is not own:
-                errors[ESTIMATED] = held_out_px(camera, seen, own)
-        known[ESTIMATED] = own
-    total = {source: _root_mean_square(held_out, source) for source in known}
+                errors[ESTIMATED] = held_out_px(camera, of_camera, own)
+        shapes[ESTIMATED] = own
+    total = {source: _root_mean_square(held_out, source) for source in shapes}
     best = min(total, key=lambda source: total[source])
-    return EvaluatedBoard(best, known[best], total, any(each.ambiguous for each in compared))
+    return EvaluatedBoard(best, shapes[best], total, any(each.ambiguous for each in compared))
 
 
 def _root_mean_square(held_out: Sequence[Mapping[str, float]], source: str) -> float:

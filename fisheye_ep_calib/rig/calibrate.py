@@ -80,7 +80,7 @@ def calibrate_rig(
     """
     _check(cameras)
     bow = np.zeros(len(WARP_NAMES)) if board_warp is None else np.asarray(board_warp, dtype=float)
-    measured = known_board((one.board for one in cameras), cameras[0].observations.object_points)
+    measured = known_board((rig_camera.board for rig_camera in cameras), cameras[0].observations.object_points)
     board = known_board([rig_camera.observations.board for rig_camera in cameras]) or measured
     poses = [_poses(rig_camera, bow, board) for rig_camera in cameras]
     points = cameras[0].observations.object_points
@@ -111,15 +111,15 @@ def calibrate_rig(
 
 def _common_views(assembly: Assembly) -> list[Observations]:
     """What each camera saw at the moments in use, every point under the name that all agree on."""
-    seen = []
+    common = []
     for observations, images in zip(assembly.observations, assembly.moments.T, strict=True):
         used = np.isin(observations.image_index, images[images >= 0])
-        seen.append(replace(observations, weights=np.where(used, observations.weights, 0.0)))
-    return seen
+        common.append(replace(observations, weights=np.where(used, observations.weights, 0.0)))
+    return common
 
 
 def _with_board(assembly: Assembly, board: BoardShape | None) -> Assembly:
-    return replace(assembly, observations=tuple(replace(seen, board=board) for seen in assembly.observations))
+    return replace(assembly, observations=tuple(replace(of_camera, board=board) for of_camera in assembly.observations))
 
 
 def _by_first_clock(rig_camera: RigCamera, first: str, offset_ns: int | None) -> RigCamera:

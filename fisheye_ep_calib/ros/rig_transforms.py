@@ -47,7 +47,7 @@ def rig_transforms(figures: Mapping[str, Any], frames: Mapping[str, str], stamp:
     named = {name: frames.get(name) or frame_of(name) for name in figures["cameras"]}
     if len(set(named.values())) < len(named):
         named = {name: frame_of(name) for name in named}
-    found = []
+    transforms = []
     for name, camera in figures["cameras"].items():
         if name == figures["reference"]:
             continue
@@ -57,5 +57,5 @@ def rig_transforms(figures: Mapping[str, Any], frames: Mapping[str, str], stamp:
         translation, rotation = transform.transform.translation, transform.transform.rotation
         translation.x, translation.y, translation.z = camera["position_m"]
         rotation.x, rotation.y, rotation.z, rotation.w = camera["quaternion_xyzw"]
-        found.append(transform)
-    return found
+        transforms.append(transform)
+    return transforms

@@ -234,11 +234,19 @@ def _camera_in_file(path: Path) -> tuple[Path, str]:
 
 def _foreign_file(text: str, foreign: Format, chosen: str) -> CameraFile:
     """A camera of another program: nothing is known of its uncertainty."""
-    found = read_foreign(text, foreign, chosen)
-    unknown = np.zeros((len(found.camera.parameters),) * 2)
-    told = "" if foreign.name == "camera_info" and found.model == "equidistant" else origin(found, foreign)
+    foreign_camera = read_foreign(text, foreign, chosen)
+    unknown = np.zeros((len(foreign_camera.camera.parameters),) * 2)
+    told = (
+        ""
+        if foreign.name == "camera_info" and foreign_camera.model == "equidistant"
+        else origin(foreign_camera, foreign)
+    )
     return CameraFile(
-        one_line(found.name, _LONGEST_TEXT), found.camera, stand_in_of(found.camera), unknown, origin=told
+        one_line(foreign_camera.name, _LONGEST_TEXT),
+        foreign_camera.camera,
+        stand_in_of(foreign_camera.camera),
+        unknown,
+        origin=told,
     )
 
 

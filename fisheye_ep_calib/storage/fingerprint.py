@@ -50,7 +50,7 @@ def fingerprint_of_all(paths: Sequence[str | os.PathLike[str]]) -> str | None:
         return None
     if not told or None in told:
         return None
-    whole = all(str(one).startswith("sha256:") for one in told)
+    whole = all(str(hash_text).startswith("sha256:") for hash_text in told)
     return f"{'' if whole else 'partial-'}sha256:{hashlib.sha256(chr(10).join(map(str, told)).encode()).hexdigest()}"
 
 

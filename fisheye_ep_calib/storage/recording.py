@@ -215,7 +215,7 @@ def recorded_topic(recording: Recording, name: str) -> str:
     """A topic of images by its name with or without "/compressed", whichever was recorded; else the name as it is."""
     there = {topic.name for topic in recording.image_topics()}
     base = name.removesuffix("/compressed")
-    return next((one for one in (name, base, f"{base}/compressed") if one in there), name)
+    return next((candidate for candidate in (name, base, f"{base}/compressed") if candidate in there), name)
 
 
 def _first_of(problems: Sequence[str]) -> str:

@@ -55,14 +55,14 @@ def places_of(first: Detection | None, index: np.ndarray, expected: np.ndarray) 
         return expected, np.zeros(len(index), dtype=bool)
     row = np.full(max(int(index.max(initial=0)), int(first.point_index.max())) + 1, -1)
     row[first.point_index] = np.arange(len(first))
-    seen: BoolArray = row[index] >= 0
-    return np.where(seen[:, None], first.pixels[row[index]], expected), seen
+    measured: BoolArray = row[index] >= 0
+    return np.where(measured[:, None], first.pixels[row[index]], expected), measured
 
 
 def contradictions(
-    index: np.ndarray, seen: np.ndarray, measured: np.ndarray, moved: np.ndarray, fits: np.ndarray, unlike: str
+    index: np.ndarray, before: np.ndarray, measured: np.ndarray, moved: np.ndarray, fits: np.ndarray, unlike: str
 ) -> dict[int, str]:
-    """Which points index (k,) of the first look, seen (k,), their image contradicts → why.
+    """Which points index (k,) of the first look, before (k,): those that it had, their image contradicts → why.
 
     measured (k,): it looks there as it should. moved (k,): pixels between both looks. fits (k,): it lies among the
     others. unlike: what to say of one that does not look so.
@@ -70,4 +70,4 @@ def contradictions(
     reasons = np.select(
         [~measured, moved > MOVED, ~fits], [unlike, f"moved by more than {MOVED:.0f} px", OFF_NEIGHBOURS], ""
     )
-    return {int(point): str(why) for point, why in zip(index[seen], reasons[seen], strict=True) if why}
+    return {int(point): str(why) for point, why in zip(index[before], reasons[before], strict=True) if why}

@@ -41,7 +41,7 @@ class PageContent:
     def update(self, cameras: Sequence[Status], rig: Status | None) -> None:
         """What was last told of all."""
         with self._lock:
-            self._cameras = {one.name: one.as_dict() for one in cameras}
+            self._cameras = {status.name: status.as_dict() for status in cameras}
             self._rig = None if rig is None else rig.as_dict()
 
     def snapshot(self) -> dict[str, Any]:
@@ -87,12 +87,12 @@ class PageContent:
 
     def _offered(self) -> dict[str, Path]:
         try:
-            found = list(self._live.folder.iterdir())
+            paths = list(self._live.folder.iterdir())
         except OSError:
             return {}
         return {
             path.name: path
-            for path in found
+            for path in paths
             if path.suffix in _OFFERED and not path.name.startswith(".") and path.is_file() and not path.is_symlink()
         }
 

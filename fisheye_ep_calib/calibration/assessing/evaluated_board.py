@@ -128,14 +128,14 @@ def held_out_px(camera: FisheyeCamera, observations: Observations, board: BoardS
 def _compared(fits: dict[str, Fit], boards: dict[str, BoardShape | None]) -> EvaluatedBoard:
     """The best of known shapes by views left out, and one estimated from them where it is clearly better."""
     shaped = _with_own_shape(fits[AS_FILE])
-    found = {source: cross_validate(fit) for source, fit in fits.items()}
-    best = min(found, key=lambda source: found[source].mean_loss)
-    held_out = {source: each.rms_px for source, each in found.items()}
+    validations = {source: cross_validate(fit) for source, fit in fits.items()}
+    best = min(validations, key=lambda source: validations[source].mean_loss)
+    held_out = {source: each.rms_px for source, each in validations.items()}
     if shaped is None:
         return EvaluatedBoard(best, boards[best], held_out)
     own = cross_validate(shaped)
     held_out[ESTIMATED] = own.rms_px
-    if not _clearly_better(own, found[best]):
+    if not _clearly_better(own, validations[best]):
         return EvaluatedBoard(best, boards[best], held_out)
     other = _other_camera(fits[best])
     if other is not None:
@@ -171,6 +171,6 @@ def _other_camera(fit: Fit) -> CrossValidation | None:
         return None
 
 
-def _clearly_better(one: CrossValidation, other: CrossValidation) -> bool:
-    gain, error = one.log_ratio(other)
+def _clearly_better(first: CrossValidation, second: CrossValidation) -> bool:
+    gain, error = first.log_ratio(second)
     return -gain > max(error, _WORTH)

@@ -71,8 +71,8 @@ def loss_px(
     losses = {}
     for distance in distances:
         pixels, points = points_over_image(camera, distance)
-        seen = FAR * points if np.isinf(distance) else points
-        square = ((_project(other, seen) - pixels) ** 2).sum(axis=-1)
+        placed = FAR * points if np.isinf(distance) else points
+        square = ((_project(other, placed) - pixels) ** 2).sum(axis=-1)
         losses[distance] = float(np.sqrt(square.mean())) if len(square) else float("nan")
     return losses
 

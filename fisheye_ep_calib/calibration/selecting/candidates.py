@@ -100,14 +100,14 @@ def tested(structure: Structure, plain: Fit) -> tuple[float, Fit | None]:
     It is kept with the plain fit: several questions ask for the same.
     """
     kept: dict[str, Any] = vars(plain)
-    known: dict[Structure, tuple[float, Fit | None]] = kept.setdefault(_TESTED, {})
-    if structure not in known:
+    tests: dict[Structure, tuple[float, Fit | None]] = kept.setdefault(_TESTED, {})
+    if structure not in tests:
         chance, fit = first_step_test(structure, plain), None
         if chance <= _HOPELESS:
             fit = refine(plain, structure)
             chance = nested_test(fit, plain)
-        known[structure] = chance, fit
-    return known[structure]
+        tests[structure] = chance, fit
+    return tests[structure]
 
 
 def with_model(structure: Structure, model: str, terms: int | None) -> Structure:

@@ -19,8 +19,8 @@ class Perspective:
     def radius_derivative(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """dr/dθ = 1/cos²θ; 0 where there is no image."""
         cosine = np.cos(theta)
-        seen = cosine > LEAST_COSINE
-        return np.where(seen, 1 / np.where(seen, cosine, 1.0) ** 2, 0.0)
+        in_front = cosine > LEAST_COSINE
+        return np.where(in_front, 1 / np.where(in_front, cosine, 1.0) ** 2, 0.0)
 
     def radius_jacobian(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """No coefficient, shape (0, *S)."""

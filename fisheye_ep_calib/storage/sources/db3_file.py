@@ -61,10 +61,10 @@ class Db3File(BagSource):
         try:
             for table in _TABLES:
                 query = "SELECT type, substr(sql, 1, 13), rootpage FROM sqlite_master WHERE name = ?"
-                found = connection.execute(query, (table,)).fetchmany(2)
-                if not found:
+                rows = connection.execute(query, (table,)).fetchmany(2)
+                if not rows:
                     raise InputError(f"{self.path} is not a rosbag2 database: no such table: {table}")
-                plain = len(found) == 1 and found[0][:2] == ("table", "CREATE TABLE ") and (found[0][2] or 0) > 0
+                plain = len(rows) == 1 and rows[0][:2] == ("table", "CREATE TABLE ") and (rows[0][2] or 0) > 0
                 columns = connection.execute(f"PRAGMA table_xinfo({table})").fetchmany(_MOST_COLUMNS)
                 if not plain or any(column[6] for column in columns):
                     raise InputError(f"{self.path} is not a rosbag2 database: {table} is no plain table")

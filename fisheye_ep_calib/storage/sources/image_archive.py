@@ -80,8 +80,8 @@ def unpack_images(archive: Path, folder: Path, problems: list[str], budget: Budg
                     budget.enter()
     except _DAMAGE as error:
         if count == 0:
-            said = one_line(first_line(error), 200)
-            raise InputError(f"{archive} is not a tar archive, or is damaged ({said})") from None
+            problem = one_line(first_line(error), 200)
+            raise InputError(f"{archive} is not a tar archive, or is damaged ({problem})") from None
         reason = str(error) if isinstance(error, Spent) else "cut short or damaged"
         problems.append(f"{archive}: {reason}; the {count} images before that are used")
     if count == 0:

@@ -64,13 +64,13 @@ class RosBag(BagSource):
         if not images:
             return
         reader.only(images)
-        seen: Counter[tuple[str, int]] = Counter()
+        counts: Counter[tuple[str, int]] = Counter()
         try:
             while (message := reader.next()) is not None:
                 topic, _, stamp = message
                 self.budget.enter()
-                self.entries[topic].append(Entry(stamp, (seen[topic, stamp],)))
-                seen[topic, stamp] += 1
+                self.entries[topic].append(Entry(stamp, (counts[topic, stamp],)))
+                counts[topic, stamp] += 1
         except RuntimeError as error:
             told = one_line(first_line(error), 200)
             self.problems.append(f"{self.path}: damaged ({told}); the {self.image_count} images before that are used")

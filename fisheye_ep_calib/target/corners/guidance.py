@@ -33,7 +33,7 @@ def find_guided(
     if len(index) == 0:
         return Detection(reason="board out of view")
     where, jacobian, around = expected.pixels[index], expected.plane_jacobian[index], around[index]
-    start, seen = places_of(first, index, where)
+    start, measured_before = places_of(first, index, where)
     bend = expect_bend(camera, camera_from_target, points[index], around.half, image.shape)
     low, high = np.floor(start.min(axis=0)).astype(int), np.ceil(start.max(axis=0)).astype(int) + 1
     image = stretched(image, image[low[1] : high[1], low[0] : high[0]])
@@ -43,12 +43,12 @@ def find_guided(
     if good.any():
         offset = refined[good] - where[good]
         columns = pose_columns(camera, camera_from_target, points[index[good]])
-        slack = np.where(seen[good], SLACK, 1.0)
+        slack = np.where(measured_before[good], SLACK, 1.0)
         common = stays_smooth(points[index[good]], offset, USUAL_ERROR, columns, slack)
         reach = reach_of(around.half[good, None, None] * jacobian[good])
         good[good] = common & (np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * reach)
     if not good.any():
         return Detection(reason="board not found where the camera expects it", rejected=start)
-    given_up = contradictions(index, seen, measured, np.hypot(*(refined - start).T), good, NO_CORNER)
+    given_up = contradictions(index, measured_before, measured, np.hypot(*(refined - start).T), good, NO_CORNER)
     good &= ~np.isin(index, list(given_up))
     return Detection(index[good], refined[good], rejected=start[~good], given_up=given_up)

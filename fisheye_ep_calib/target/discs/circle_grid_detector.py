@@ -122,7 +122,7 @@ class CircleGridDetector:
         if len(index) == 0:
             return Detection(reason="board out of view")
         expected, shape = expected[index], shape[index]
-        start, seen = places_of(first, index, expected)
+        start, measured_before = places_of(first, index, expected)
         if discs_are_light(image, start, shape):
             image = cv2.bitwise_not(image)
         hole = np.where(np.isin(index, self.target.holed), self.hole_ratio, 0.0)
@@ -133,7 +133,7 @@ class CircleGridDetector:
             large = np.maximum(minor_axis(shape[good]) - LARGE, 0)
             usual = USUAL_ERROR + MODEL_ERROR * _typical(offset) + SIZE_ERROR * large
             columns = pose_columns(camera, camera_from_target, points[index[good]])
-            slack = np.where(seen[good], SLACK, 1.0)
+            slack = np.where(measured_before[good], SLACK, 1.0)
             common = stays_smooth(points[index[good]], offset, usual, columns, slack)
             common &= np.hypot(*(offset - np.median(offset, axis=0)).T) < 0.5 * minor_axis(shape[good])
             allowed = np.where(hole[good] > 0, np.inf, discs[good].size_error)
@@ -143,7 +143,7 @@ class CircleGridDetector:
         if not good.any():
             return Detection(reason="board not found where the camera expects it", rejected=expected)
         moved = np.hypot(*(discs.center - start).T)
-        given_up = contradictions(index, seen, whole, moved, good, "blurred or partly covered")
+        given_up = contradictions(index, measured_before, whole, moved, good, "blurred or partly covered")
         good &= ~np.isin(index, list(given_up))
         return Detection(index[good], discs.center[good], rejected=discs.center[~good], given_up=given_up)
 

@@ -34,9 +34,9 @@ def _unknown_markers(image: np.ndarray, quads: np.ndarray, book: Codebook, touch
     """What squares with a black border, quads (q, 4, 2), are, of which the dictionary knows none; empty where that
     cannot be told. touching: they were parted from others at their corners; then as they are is tried too.
     """
-    said = _other_markers(image, quads, book)
-    if said or not touching or len(quads) < FEWEST:
-        return said
+    others = _other_markers(image, quads, book)
+    if others or not touching or len(quads) < FEWEST:
+        return others
     return _other_markers(image, candidate_quads(image, book, touching=False), book)
 
 

@@ -98,8 +98,8 @@ def _like_markers(quads: np.ndarray, cells: np.ndarray, book: Codebook) -> np.nd
     """Whether quadrilaterals (q, 4, 2) with a black border may be markers that a closer look would read (q,): large
     enough, and of cells (q, k, k) neither all black nor all white.
     """
-    one, other = quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1]
-    side = np.sqrt(np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) / 2)
+    first, second = quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1]
+    side = np.sqrt(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2)
     white = cells.mean(axis=(1, 2))
     result: BoolArray = (side >= SMALLEST_CELL * book.side) & (white > PLAIN) & (white < 1 - PLAIN)
     return result
