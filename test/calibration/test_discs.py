@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from known_cameras import random_camera, random_rays, ray_points
 
-from fisheye_ep_calib.calibration import calibrate
-from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target
+from fisheye_ep_calib.calibration import Observations, calibrate
+from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
+from fisheye_ep_calib.simulation import look_pose, observe, paper_camera, paper_poses, paper_target
 from fisheye_ep_calib.target.discs.centroid import boundary_directions, curve_centroid
+from fisheye_ep_calib.target.shape.measured import BoardShape
 
 pytestmark = pytest.mark.filterwarnings("error")
 RADIUS = 0.004
@@ -144,3 +148,48 @@ def test_noisy_discs_by_auto() -> None:
     theta = np.radians([30, 60, 80])
     assert np.abs(result.camera.entrance_pupil(theta) - camera.entrance_pupil(theta)).max() < 0.1e-3
     assert not result.rejected
+
+
+def test_a_disc_on_a_bent_board_bends_with_it() -> None:
+    """Truth: the image's area and first moments of a disc drawn on the surface itself, as a fine polygon."""
+    target = paper_target()
+    points, radius = target.object_points, 4e-3
+    size = points[:, :2].max(axis=0)
+    camera = replace(paper_camera(), model="ep_even", coefficients=(-0.004, -0.0005))
+    heights = 2e-3  # of a bow over the board
+
+    def surface(plane: np.ndarray) -> np.ndarray:
+        x, y = (2 * plane / size - 1).T
+        return np.column_stack([plane, heights * (1 - x**2) + 0.5 * heights * x * y])
+
+    angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    rim = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    pose = look_pose(target, np.radians(50), 0.7, 0.11, np.radians(40), 1.0, 0.3)
+    truth = []
+    for point in points:
+        curve, _ = camera.project(surface(point[:2] + rim) @ pose[:3, :3].T + pose[:3, 3])
+        middle = curve.mean(axis=0)
+        (u, v), (u_next, v_next) = (curve - middle).T, np.roll(curve - middle, -1, axis=0).T
+        cross = u * v_next - u_next * v
+        truth.append(
+            middle + np.array([((u + u_next) * cross).sum(), ((v + v_next) * cross).sum()]) / (3 * cross.sum())
+        )
+    true_points = surface(points[:, :2])
+    slope_x = np.column_stack([np.zeros((len(points), 2)), _slopes(surface, points[:, :2])[:, 0]])
+    slope_y = np.column_stack([np.zeros((len(points), 2)), _slopes(surface, points[:, :2])[:, 1]])
+    shape = BoardShape("free", points, true_points - points, slopes=np.concatenate([slope_x, slope_y], axis=1))
+    index = np.arange(len(points))
+    seen = Observations.create(
+        points, np.zeros_like(index), index, np.array(truth), camera.image_size, disc_radius=radius, board=shape
+    )
+    bent = np.hypot(*evaluate_camera(camera, seen).error.T)
+    flat_discs = replace(shape, slopes=np.zeros((len(points), 6)))
+    flat = np.hypot(*evaluate_camera(camera, replace(seen, board=flat_discs)).error.T)
+    assert np.sqrt((bent**2).mean()) < 0.02
+    assert np.sqrt((bent**2).mean()) < 0.3 * np.sqrt((flat**2).mean())
+
+
+def _slopes(surface, plane: np.ndarray) -> np.ndarray:
+    """∂z/∂x and ∂z/∂y (n, 2) by central differences."""
+    step = 1e-6 * np.eye(2)
+    return np.column_stack([(surface(plane + one) - surface(plane - one))[:, 2] / 2e-6 for one in step])

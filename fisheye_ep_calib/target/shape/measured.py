@@ -125,6 +125,22 @@ class BoardShape:
         return 1e3 * float(np.linalg.norm(self.scatter))
 
     @property
+    def rough_in_plane_mm(self) -> float:
+        """The same of the shifts in the plane."""
+        return 1e3 * float(np.hypot(*self.scatter[:2]))
+
+    @property
+    def distortion_rms_mm(self) -> float:
+        """Root mean square of the shifts in the plane once the aspect is taken out: shear, and what is not linear."""
+        if not self.frame.planar:
+            return 0.0
+        position = self.frame.local(self.object_points)[:, :2]
+        position = position - position.mean(axis=0)
+        moved = self.in_board_axes[:, :2]
+        stretch = (position * moved).sum(axis=0) / np.maximum((position**2).sum(axis=0), 1e-300)
+        return 1e3 * float(np.sqrt(((moved - stretch * position) ** 2).sum(axis=1).mean()))
+
+    @property
     def bow_mm(self) -> float:
         """Height from the lowest to the highest point."""
         return 1e3 * float(np.ptp(self.in_board_axes[:, 2]))
@@ -159,6 +175,9 @@ class BoardShape:
         if abs(aspect) >= _TOLD:
             first, second = ("x", "y") if aspect > 0 else ("y", "x")
             told.append(f"against its file the paper is {abs(aspect):.2f} % longer in {first} than in {second}")
+        doubt = 0.0 if self.sigma is None else 2e3 * float(np.sqrt((self.sigma**2).mean()))
+        if self.distortion_rms_mm >= max(_TOLD, self.rough_in_plane_mm, doubt):
+            told.append(f"distorted in its plane by {self.distortion_rms_mm:.2f} mm RMS")
         if self.bow_mm >= _TOLD:
             told.append(f"{'bent' if self.bent else 'not flat, if at all,'} by {self.bow_mm:.2f} mm")
         if self.rough_rms_mm >= _TOLD:

@@ -55,3 +55,15 @@ def test_the_target_is_known_again_by_its_points() -> None:
     assert shape.same_target(POINTS + 1e-9)
     assert not shape.same_target(POINTS * 1.001)
     assert not shape.same_target(POINTS[:-1])
+
+
+def test_a_print_that_a_printer_distorts_is_told() -> None:
+    place = POINTS - POINTS.mean(axis=0)
+    change = -0.005 * place * ((place**2).sum(axis=1) / (place**2).sum(axis=1).max())[:, None]
+    shape = BoardShape("free", POINTS, change)
+    assert 0.02 < shape.distortion_rms_mm < 0.1
+    assert "distorted in its plane by" in shape.sentence
+    scattered = replace(shape, scatter=(1e-3, 1e-3, 0.0))
+    assert "distorted" not in scattered.sentence
+    sheared = BoardShape("free", POINTS, 1e-3 * place[:, [1, 0, 2]] * [1, 1, 0])
+    assert sheared.aspect_percent == pytest.approx(0, abs=1e-9) and "distorted in its plane by" in sheared.sentence
