@@ -145,3 +145,18 @@ def test_a_mirrored_image_of_a_holed_grid_is_named():
     found = HOLED.detector().detect(np.ascontiguousarray(image[:, ::-1]))
     assert len(found) == 0
     assert "the image is mirrored" in found.reason
+
+
+@pytest.mark.parametrize("radius", [0.0033, 0.0047])
+@pytest.mark.parametrize("negative", [False, True])
+def test_a_grid_of_another_radius_is_named(radius, negative):
+    """The file has 4 mm; the message says what would fit."""
+    printed = parse_target({"type": "circle_grid", "columns": 11, "rows": 7, "spacing": 0.012, "radius": radius})
+    black, white = (225, 30) if negative else (30, 225)
+    image = render(
+        CAMERA, printed, look_pose(printed, 0.3, 0.4, 0.13, tilt=0.3), Imaging(blur=0.8, black=black, white=white)
+    )
+    found = DISCS.detector().detect(image)
+    assert len(found) == 0 and "check radius" in found.reason
+    said = float(found.reason.split("(")[1].split(" m")[0])
+    assert said == pytest.approx(radius, rel=0.03)

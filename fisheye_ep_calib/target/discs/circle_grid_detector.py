@@ -17,7 +17,12 @@ from fisheye_ep_calib.target.discs.ellipse import minor_axis
 from fisheye_ep_calib.target.discs.growth import complete_discs
 from fisheye_ep_calib.target.discs.hole_evidence import LEAST_HOLES, HoleEvidence, hole_evidence
 from fisheye_ep_calib.target.discs.lattice import FEWEST, Lattice, grow_lattices
-from fisheye_ep_calib.target.discs.lattice_evidence import fits_neighbours, is_disc_lattice, is_every_second
+from fisheye_ep_calib.target.discs.lattice_evidence import (
+    fits_neighbours,
+    is_disc_lattice,
+    is_every_second,
+    pitch_over_radius,
+)
 from fisheye_ep_calib.target.discs.measurement import Measurement, measure_discs
 from fisheye_ep_calib.target.expected_features import expect_discs, pose_columns, stays_smooth
 from fisheye_ep_calib.target.labelling import Placement, label_patch
@@ -30,6 +35,7 @@ SEARCH_SIDE = 700  # pixels of the longer side of the image that is searched
 WINDOWS = (31, 121)  # pixels: adaptive thresholds for small discs and large ones
 MOST_LATTICES = 4  # of an image that are measured
 TOO_MANY = 1.5  # times the discs of the target: something else
+MOSTLY_SEEN = 0.6  # share of the discs from which on a grid of another radius is told
 MOSTLY_FOUND = 0.8  # share of the discs that ends the search
 UNKNOWN_RATIO = 2.4  # pitch over radius where the target file tells no radius
 USUAL_ERROR = 0.08  # pixels, of a measured centre
@@ -74,7 +80,8 @@ class CircleGridDetector:
         self.ratio = target.pitch / target.disc_radius if target.disc_radius else None
         self.gap_ratio = self.ratio or UNKNOWN_RATIO
         self.longest = int(np.ptp(target.lattice, axis=0).max()) + 1
-        self.fewest = min(FEWEST_DISCS, len(target.object_points))
+        self.total = len(target.object_points)
+        self.fewest = min(FEWEST_DISCS, self.total)
         self.hole_ratio = target.hole_radius / target.disc_radius if target.holed and target.disc_radius else 0.0
 
     def detect(self, image: np.ndarray) -> Detection:
@@ -171,7 +178,8 @@ class CircleGridDetector:
         if good.any():
             good[good] = fits_neighbours(cells[good], discs.center[good], discs.shape[good])
         if not self._is_board(cells[good], discs[good], blobs):
-            return _Found(detection=Detection(rejected=blobs.center))
+            reason = self._other_radius(cells[good], discs[good], blobs)
+            return _Found(detection=Detection(reason=reason, rejected=blobs.center))
         marks = None
         if self.target.holed:
             marks = hole_evidence(image, cells, discs, self.hole_ratio, self.target.lattice[list(self.target.holed)])
@@ -197,6 +205,19 @@ class CircleGridDetector:
         loose[lattice.blob[good[: len(lattice)]]] = False
         detection = Detection(labels.point_index[good], discs.center[good], rejected=blobs.center[loose])
         return _Found(len(detection) - 2 * beyond, detection)
+
+    def _other_radius(self, cells: np.ndarray, discs: Measurement, blobs: Blobs) -> str:
+        """What to say of discs at cells (k, 2) that are a grid but for their radius; empty where they are none."""
+        if self.ratio is None or self.target.disc_radius is None or len(cells) < MOSTLY_SEEN * self.total:
+            return ""
+        any_size = is_disc_lattice(cells, discs.center, discs.shape, None)
+        if not any_size or is_every_second(cells, discs.center, blobs.center):
+            return ""
+        radius = self.target.pitch / pitch_over_radius(cells, discs.center, discs.shape)
+        return (
+            f"{len(cells)} discs are seen whose radius is {radius / self.target.disc_radius:.2f} times that of the "
+            f"target file: check radius ({radius:.3g} m would fit)"
+        )
 
     def _is_mirrored(self, cells: np.ndarray, discs: Measurement, marks: HoleEvidence) -> bool:
         """Whether the holed discs lie as the target's do in a mirror."""

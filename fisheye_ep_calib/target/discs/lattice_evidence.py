@@ -55,6 +55,12 @@ def fits_neighbours(cells: np.ndarray, center: np.ndarray, shape: np.ndarray) ->
     return result
 
 
+def pitch_over_radius(cells: np.ndarray, center: np.ndarray, shape: np.ndarray) -> float:
+    """The distance of neighbouring discs over their radius, as k measured discs show it, whatever the lens."""
+    first, second = lattice_edges(cells)
+    return float(np.median(mean_distance(frames(shape), center, first, second)))
+
+
 def is_disc_lattice(cells: np.ndarray, center: np.ndarray, shape: np.ndarray, ratio: float | None) -> bool:
     """Whether k measured discs are a grid with this pitch/radius (None: any) seen through a lens."""
     first, second = lattice_edges(cells)
