@@ -23,6 +23,7 @@ _STATIC_FILES = {"/": "page.html", "/page.css": "page.css", "/page.js": "page.js
 _ACTIONS = ("calibrate", "save", "reset", "commit", "report")
 _EVENT_SECONDS = 0.1  # between looks whether there is something new to tell
 _HEARTBEATS = 100  # looks after which the page is told all the same
+_SHOWN_SECONDS = 0.15  # after which a picture that no other has followed is sent again
 _MOST_LOOKING = 16  # streams at a time
 _MOST_ACTING = 4  # buttons pressed at a time
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
@@ -115,7 +116,10 @@ class Application:
                 await asyncio.sleep(_EVENT_SECONDS)
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        """Motion JPEG: the newest picture, again and again, as fast as it comes and the link takes it."""
+        """Motion JPEG: the newest picture, again and again, as fast as it comes and the link takes it.
+
+        Chromium shows a picture once another follows: one that none follows is sent a second time.
+        """
         camera = self._camera(request)
         response = web.StreamResponse(headers={**_HEADERS, "Content-Type": "multipart/x-mixed-replace; boundary=frame"})
         self._pictures.begin(camera)
@@ -123,11 +127,15 @@ class Application:
             with _Looking(self):
                 await response.prepare(request)
                 await response.write(b"--frame\r\n")
-                number, picture = 0, b""
+                number, picture, shown = 0, b"", True
                 while True:
-                    number, picture = await self._pictures.after(camera, number)
+                    following = self._pictures.after(camera, number)
+                    try:
+                        number, picture = await (following if shown else asyncio.wait_for(following, _SHOWN_SECONDS))
+                        shown = False
+                    except asyncio.TimeoutError:
+                        shown = True
                     head = f"Content-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n"
-                    # The boundary at once: a browser shows a picture when it has seen its end.
                     await response.write(head.encode() + picture + b"\r\n--frame\r\n")
         finally:
             self._pictures.end(camera)
