@@ -10,6 +10,7 @@ from small_recording import CAMERAS, TARGET, VIEWS
 
 from fisheye_ep_calib.simulation import StampedImage, write_bag
 from fisheye_ep_calib.storage.camera_file import read_camera_file
+from fisheye_ep_calib.storage.observation_file import load_observations
 
 
 def test_two_cameras_by_their_topics(command, recording, tmp_path) -> None:
@@ -29,6 +30,20 @@ def test_two_cameras_by_their_topics(command, recording, tmp_path) -> None:
         assert abs(found.fx / truth.fx - 1) < 0.01 and abs(found.cx - truth.cx) < 1.5
     again = command("evaluate", cameras["front"]["yaml"], "calibration/observations/front.npz", "--json").json
     assert again["views"] == cameras["front"]["views"] and again["rms_px"] < 0.15
+
+
+def test_files_on_disk_are_the_same_bits_for_any_number_of_workers(command, recording, tmp_path) -> None:
+    """Both passes and the choice of the model; but for the time that is written into it, and where it lies."""
+    words = ("calibrate", recording / "rig.mcap", "--target", recording / "board.yaml", "--topic", "/left/image_raw")
+    contents = []
+    for workers in (1, 2, 3):
+        assert command(*words, "--workers", workers, "--output", f"out{workers}", "--no-report").code == 0
+        text = (tmp_path / f"out{workers}" / "left.yaml").read_text("utf-8")
+        lines = [line for line in text.splitlines() if not line.lstrip().startswith("date:")]
+        assert len(lines) == len(text.splitlines()) - 1
+        seen = load_observations(tmp_path / f"out{workers}" / "observations" / "left.npz")
+        contents.append((lines, seen.pixels.tobytes(), seen.point_index.tobytes(), seen.image_names))
+    assert contents[0] == contents[1] == contents[2]
 
 
 def test_one_camera_is_named_after_its_topic(command, recording, tmp_path) -> None:
