@@ -101,7 +101,7 @@ def one_camera(folder: Path) -> None:
     images.mkdir()
     with open_recording(folder / "recording.mcap") as recording:
         for number, frame in enumerate(recording.frames()):
-            assert cv2.imwrite(str(images / f"{number:02}.png"), frame.image)
+            assert cv2.imwrite(str(images / f"{number:02}.png"), frame.image())
 
 
 def two_cameras(folder: Path) -> None:
