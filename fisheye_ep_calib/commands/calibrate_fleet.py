@@ -127,7 +127,7 @@ def _job(device: Device, arguments: argparse.Namespace) -> DeviceJob:
     own.output = arguments.output / device.name
     own.overwrite = arguments.overwrite or (own.output / RECORD).exists()  # what is there is not finished
     own.workers = max(1, usable_cores() // arguments.jobs) if workers is None else workers
-    own.split, own.json = None, False
+    own.split, own.previous, own.json = None, None, False
     del own.devices, own.jobs, own.run, own.command
     return DeviceJob(device.name, own, arguments.output / "logs" / f"{device.name}.txt")
 

@@ -331,14 +331,13 @@ def _fact(name: object, value: Any) -> Any:
     """A number, a line of text, a list of them or, within the facts, numbers by name: what a program can print."""
     if isinstance(value, list) and not any(isinstance(element, list | dict) for element in value):
         return [_fact(name, element) for element in value]
-    if isinstance(value, dict) and all(isinstance(number, int | float) for number in value.values()):
+    numbers = isinstance(value, dict) and all(isinstance(number, int | float) for number in value.values())
+    if numbers and name == "calibration: error_budget":
         return {one_line(key, _LONGEST_TEXT): float(number) for key, number in value.items()}
     if isinstance(value, str):
         return one_line(value)
     if value is not None and not isinstance(value, int | float):
-        raise InputError(
-            f"calibration: {one_line(name, 60)} must be a number, a text, a list of them or numbers by name"
-        )
+        raise InputError(f"calibration: {one_line(name, 60)} must be a number, a text or a list of them")
     return value
 
 
