@@ -11,6 +11,9 @@ from typing import BinaryIO
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.plain_text import one_line
 
+_FLAGS = os.O_RDONLY
+for _name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY"):  # a pipe nobody writes to is opened at once
+    _FLAGS |= getattr(os, _name, 0)
 _SLOW_KINDS = {
     stat.S_IFIFO: "a pipe",
     stat.S_IFCHR: "a device",
@@ -24,16 +27,8 @@ def open_outside(path: str | PathLike[str], kind: str = "") -> BinaryIO:
 
     Pipes, devices, sockets and folders are refused without waiting for them. Raises InputError.
     """
-    flags = os.O_RDONLY
-    for name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY"):  # a pipe nobody writes to is opened at once
-        flags |= getattr(os, name, 0)
+    descriptor = _descriptor(path, kind)
     try:
-        _refuse_special(path, os.stat(path).st_mode, kind)  # opening a device may already do something
-        descriptor = os.open(path, flags)
-    except (OSError, ValueError) as error:  # a name may hold a zero byte
-        raise InputError(f"{_cannot(path, kind)}: {getattr(error, 'strerror', None) or error}") from None
-    try:
-        _refuse_special(path, os.fstat(descriptor).st_mode, kind)
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)
@@ -42,13 +37,15 @@ def open_outside(path: str | PathLike[str], kind: str = "") -> BinaryIO:
 
 def read_outside(path: str | PathLike[str], most: int, kind: str = "") -> bytes:
     """The content of a regular file of at most ``most`` bytes, however large it says it is. Raises InputError."""
+    descriptor = _descriptor(path, kind)
     try:
-        with open_outside(path, kind) as file:
-            content = file.read(min(most, os.fstat(file.fileno()).st_size) + 1)  # a file of /proc says 0
-            while len(content) <= most and (more := file.read(most + 1 - len(content))):
-                content += more
+        content = os.read(descriptor, min(most, os.fstat(descriptor).st_size) + 1)  # a file of /proc says 0
+        while len(content) <= most and (more := os.read(descriptor, most + 1 - len(content))):
+            content += more
     except OSError as error:
         raise InputError(f"{_cannot(path, kind)}: {error.strerror or error}") from None
+    finally:
+        os.close(descriptor)
     if len(content) > most:
         raise InputError(f"{one_line(path)}: too large{f' for a {kind} file' if kind else ''}, at most {most} bytes")
     return content
@@ -60,6 +57,21 @@ def read_text_outside(path: str | PathLike[str], most: int, kind: str = "") -> s
         return read_outside(path, most, kind).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{_cannot(path, kind)}: it is no text in UTF-8 (byte {error.start})") from None
+
+
+def _descriptor(path: str | PathLike[str], kind: str) -> int:
+    """Of a regular file, open for reading. Raises InputError."""
+    try:
+        _refuse_special(path, os.stat(path).st_mode, kind)  # opening a device may already do something
+        descriptor = os.open(path, _FLAGS)
+    except (OSError, ValueError) as error:  # a name may hold a zero byte
+        raise InputError(f"{_cannot(path, kind)}: {getattr(error, 'strerror', None) or error}") from None
+    try:
+        _refuse_special(path, os.fstat(descriptor).st_mode, kind)
+        return descriptor
+    except BaseException:
+        os.close(descriptor)
+        raise
 
 
 def _refuse_special(path: str | PathLike[str], mode: int, kind: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import pickle
 import re
+import sys
 import threading
 import time
 import uuid
@@ -17,12 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.collection.workers import Job, failed_on, look
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
+from fisheye_ep_calib.version import __version__
 
 PACKAGE = "fisheye_ep_calib[cluster]"
 _ADDRESS = re.compile(r"(tcp|tls|wss?|ucx|inproc)://\S+|[^\s/:]+:\d+$")
@@ -89,6 +92,8 @@ class ClusterWorkers:
         try:
             self._client.wait_for_workers(1, timeout=CONNECT_SECONDS)
             self._client.run_on_scheduler(_what_is_missing, [])
+            versions = {"the scheduler": self._client.run_on_scheduler(_versions)}
+            versions |= {f"worker {worker}": found for worker, found in self._client.run(_versions).items()}
             lacking = self._client.run(_what_is_missing, [str(path) for path in self._recording.files()])
         except TimeoutError:
             raise InputError(
@@ -99,6 +104,7 @@ class ClusterWorkers:
                 f"scheduler and workers of {self._scheduler} cannot look at images: {first_line(error)}; "
                 "all need fisheye_ep_calib of this version"
             ) from None
+        _refuse_other_versions(versions)
         for worker, path in lacking.items():
             if path:
                 raise InputError(f"worker {worker} has no {path}: every worker must see the recording at the same path")
@@ -206,6 +212,23 @@ def _has_killed_its_workers(error: BaseException | None) -> bool:
 def _same(payload: bytes) -> bytes:
     """The search to look for, as a result that the cluster makes again where its holder dies."""
     return payload
+
+
+def _versions() -> dict[str, str]:
+    """Of what must be the same for the same result."""
+    python = ".".join(map(str, sys.version_info[:2]))
+    return {"fisheye_ep_calib": __version__, "Python": python, "numpy": np.__version__, "OpenCV": cv2.__version__}
+
+
+def _refuse_other_versions(found: dict[str, dict[str, str]]) -> None:
+    """Raises InputError that names the first who has another version of something than this program."""
+    for who, theirs in found.items():
+        for package, version in _versions().items():
+            if theirs[package] != version:
+                raise InputError(
+                    f"{who} has {package} {theirs[package]}, this program {version}: "
+                    "the same result needs the same versions everywhere"
+                )
 
 
 def _what_is_missing(paths: list[str]) -> str:

@@ -17,6 +17,7 @@ MAX_SAMPLE_BYTES = 400_000_000  # of all channels, decoded
 MAX_SCANS = 100  # of a JPEG, each of which touches every pixel; progressive ones have some ten
 
 JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+PROGRESSIVE_MARKERS = frozenset({0xC2, 0xC6, 0xCA, 0xCE})  # scans of others cost bytes for what they do
 JPEG_BARE_MARKERS = frozenset(range(0xD0, 0xD8)) | {0x01}
 PNM_HEADER = re.compile(rb"P[1-6](?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})\s")
 PNM_HEADER_BYTES = 4096
@@ -99,7 +100,7 @@ def _jpeg_size(content: bytes | memoryview) -> tuple[int, int, float]:
             rest = bytes(content[position:])
             if rest.rfind(b"\xff\xd9") < 0:
                 raise InputError("the JPEG is cut short")  # a decoder would fill the rest with grey
-            if rest.count(b"\xff\xda") > MAX_SCANS:
+            if marker in PROGRESSIVE_MARKERS and rest.count(b"\xff\xda") > MAX_SCANS:
                 raise InputError(f"the JPEG has more than {MAX_SCANS} scans")
             return width, height, channels * max(depth, 8) / 8
         (length,) = struct.unpack_from(">H", content, position + 2)

@@ -107,6 +107,13 @@ def test_a_worker_that_is_killed_costs_no_image(tmp_path):
     assert same(here, there) and len(there.views) == 16
 
 
+def test_another_version_is_named_at_once():
+    own = cluster._versions()
+    cluster._refuse_other_versions({"the scheduler": own, "worker a": own})
+    with pytest.raises(InputError, match="worker a has numpy 0.9, this program .*the same versions everywhere"):
+        cluster._refuse_other_versions({"the scheduler": own, "worker a": {**own, "numpy": "0.9"}})
+
+
 @pytest.mark.slow
 def test_an_image_that_kills_its_workers_costs_only_itself(tmp_path):
     pictures = [picture(x=i) for i in range(12)]

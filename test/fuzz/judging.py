@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import shutil
 import signal
@@ -80,7 +81,10 @@ def _run(place: Path, words: list[str]) -> Verdict:
         faults.append(f"exit code {code}")
     if "Traceback" in said or "out of memory" in said:
         faults.append("traceback or out of memory")
-    if code in (1, 2) and sum("error:" in line for line in said.splitlines()) != 1:
+    if words[0] == "calibrate-fleet":  # which says of each device why it failed
+        if re.search(r"[A-Z]\w+Error: ", said):
+            faults.append("a defect")
+    elif code in (1, 2) and sum("error:" in line for line in said.splitlines()) != 1:
         faults.append("not one line of error")
     if any(not (character.isprintable() or character in "\n\t\r") for character in said):
         faults.append("control characters are printed")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import hashlib
+from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -143,6 +144,10 @@ class BagSource(Source):
         self.encodings: dict[str, str] = {}
         self._videos: dict[str, VideoDecoder] = {}
 
+    @cached_property
+    def _bytes_on_disk(self) -> int:
+        return self.path.stat().st_size
+
     def read(self, topic: str, entry: Entry) -> bytes:
         """The serialized message. Raises InputError where it is damaged."""
         raise NotImplementedError
@@ -157,7 +162,7 @@ class BagSource(Source):
             content = decompress(content, "zstd", MAX_MESSAGE_BYTES)
         message = deserialize(content, self.topics[topic], self.encodings[topic])
         if self.topics[topic] == IMAGE:
-            check_size(int(message.width), int(message.height), self.path.stat().st_size)
+            check_size(int(message.width), int(message.height), self._bytes_on_disk)
         return message
 
     def grey(self, topic: str, entry: Entry) -> np.ndarray:

@@ -6,6 +6,7 @@ import os
 import sqlite3
 import struct
 import time
+from functools import cached_property
 from pathlib import Path
 from urllib.parse import quote
 
@@ -133,7 +134,7 @@ class Db3File(BagSource):
                 self._file = file = sqlite3.connect(uri, uri=True, check_same_thread=False)
                 file.set_progress_handler(self._may_go_on, _STEPS)
                 if hasattr(file, "setlimit"):  # from Python 3.11 on
-                    file.setlimit(_LIMIT_LENGTH, min(MAX_MESSAGE_BYTES, self._file_bytes()))
+                    file.setlimit(_LIMIT_LENGTH, self._most_bytes)
                 file.text_factory = lambda text: text.decode("utf-8", "replace")
                 # The name misleads: it makes SQLite read a file that is shorter than it says it is.
                 file.execute("PRAGMA writable_schema = ON")
@@ -150,10 +151,12 @@ class Db3File(BagSource):
         """SQLite reads a journal only there."""
         return os.access(self.path.absolute().parent, os.W_OK)
 
-    def _file_bytes(self) -> int:
-        """With the journal, where there is one."""
+    @cached_property
+    def _most_bytes(self) -> int:
+        """Of a value: it is no larger than its file, with the journal where there is one."""
         journal = Path(f"{self.path}-wal")
-        return self.path.stat().st_size + (journal.stat().st_size if journal.exists() else 0) + _LEAST_LIMIT
+        whole = self.path.stat().st_size + (journal.stat().st_size if journal.exists() else 0)
+        return min(MAX_MESSAGE_BYTES, whole + _LEAST_LIMIT)
 
     def _may_go_on(self) -> bool:
         """Asked by SQLite every so many steps; true ends what it does, with an error."""
@@ -164,7 +167,7 @@ class Db3File(BagSource):
             size_query = "SELECT length(data), typeof(data) FROM messages WHERE id = ?"
             self._asked = time.process_time()
             size, kind = self._connection().execute(size_query, entry.location).fetchone() or (0, "")
-            if kind != "blob" or size > min(MAX_MESSAGE_BYTES, self._file_bytes()):
+            if kind != "blob" or size > self._most_bytes:
                 raise InputError("the message is damaged")
             query = "SELECT data FROM messages WHERE id = ?"
             content: bytes = self._connection().execute(query, entry.location).fetchone()[0]
