@@ -8,7 +8,6 @@ import inspect
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fisheye_ep_calib.arrays import BoolArray
 from fisheye_ep_calib.camera import FisheyeCamera
@@ -28,6 +27,8 @@ def look_again(
 
     camera_from_target (4, 4). The first look as it was where the second one finds nothing.
     """
+    from scipy.spatial import cKDTree
+
     # A detector of another package may be of a time when it was told nothing of the first look.
     told = [first] if len(inspect.signature(detector.detect_guided).parameters) > 3 else []
     again = detector.detect_guided(image, camera, camera_from_target, *told)

@@ -43,7 +43,7 @@ def holds(view: dict, content: dict, names: set[str]) -> None:
 def test_every_door_tells_the_same(camera, command, tmp_path) -> None:
     save_observations(tmp_path / "front.npz", seen_board(camera, views=12))
     content = command("calibrate", "front.npz", "--output", "device", "--json").json["cameras"]["front"]
-    assert content.keys() == FIGURES.keys() | {"yaml", "unused_views"}
+    assert content.keys() == FIGURES.keys() | {"yaml", "unused_views", "previous"}
     record = json.loads((tmp_path / "device" / "calibration.json").read_text("utf-8"))["cameras"]["front"]
     holds(record, content, set(content))
 
