@@ -6,6 +6,9 @@ Each draw of noise, poses and board is calibrated twice: with the board's file, 
 points given, which no estimate can beat. The table has the root mean square errors of E(60°) and of the projection of
 points at infinity, a rotation aside, as multiples of those with the true points; how often E(60°) lies within the σ
 that is claimed for it; how often the board is said to be bent; and how many good points were cut.
+
+--bound: instead, what a shape that must be estimated costs at least: the bound on E(60°) where nothing but the true
+variance of each group is known, as a multiple of the Cramér–Rao bound where the true points are.
 """
 
 from __future__ import annotations
@@ -13,11 +16,17 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 from monte_carlo import markdown, spread_over
 
 from fisheye_ep_calib import CalibrationResult, FisheyeCamera, Observations, calibrate
+from fisheye_ep_calib.calibration.estimating.adjustment import evaluate
+from fisheye_ep_calib.calibration.estimating.fit import opened
+from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
+from fisheye_ep_calib.calibration.estimating.settled import settled_equations
+from fisheye_ep_calib.calibration.estimating.shape_equations import solve_scaled
 from fisheye_ep_calib.camera import FAR
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.rotation import motion_jacobian, rotation_from_vector
@@ -30,6 +39,7 @@ from fisheye_ep_calib.simulation import (
     paper_target,
 )
 from fisheye_ep_calib.simulation.truth import points_in_camera
+from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FREE, GROUPS, ShapeModel, free_model
 
 NOISE = 0.15  # px of each coordinate
 ANGLE = np.radians(60)
@@ -41,6 +51,7 @@ CAMERAS = {
 }
 KINDS = ("flat", "bow .3", "wave .1", "wave .3", "corner .5", "x-scale", "shear", "jitter .02", "jitter .1", "all")
 EIGHT_VIEWS = ((0, 1), (32, 2), (58, 3), (78, 2))  # angle off the axis in degrees, number of views
+LEAST = 1e-7  # metres: τ of a group that is there
 FLAT_LIMIT, BENT_LIMIT, COVERAGE, FALSELY_BENT = 1.05, 1.2, (0.60, 0.76), 0.02
 
 
@@ -152,6 +163,69 @@ def one_draw(task: tuple[Case, int]) -> list[float]:
     return [*errors(case, estimated), *errors(case, known), bent, float(len(estimated.rejected))]
 
 
+def bounds(task: tuple[Case, int]) -> tuple[float, float]:
+    """Variances of E(60°), m², with the true points known and with nothing but the variances of the shape's groups.
+
+    At the fit that knows the points, the shape's coefficients about the truth: (H + P)⁻¹ with P from the variances.
+    """
+    case, seed = task
+    observations, true = draw(case, seed)
+    model, options, _ = CAMERAS[case.camera]
+    fit = calibrate(replace(observations, object_points=true), model, **options).fit
+    seen = np.bincount(observations.point_index, minlength=len(true)) > 0
+    model_of_all = free_model(fit.sightings.target, seen)
+    free = with_penalties(model_of_all, true_deviations(case.kind, model_of_all, true))
+    structure = replace(fit.structure, board_shape=FREE)
+    problem, state = opened(fit, structure, replace(fit.sightings, free=free))
+    settled = settled_equations(problem, state, evaluate(problem, state))
+    variances = []
+    for equations in (fit.settled, settled):
+        information = reduced_information(equations)
+        covariance = np.zeros((len(problem.free),) * 2)
+        chosen = np.flatnonzero(problem.free)
+        covariance[np.ix_(chosen, chosen)] = NOISE**2 * solve_scaled(information, np.eye(len(chosen)))
+        variances.append(float(pupil_sigma(fit.state.camera, covariance, ANGLE)) ** 2)
+    return variances[0], variances[1]
+
+
+def true_deviations(kind: str, model: ShapeModel, true: np.ndarray) -> np.ndarray:
+    """τ (G,), metres, of each group of the shape of a board of a kind; what is printed with scatter is nothing else."""
+    deviation = np.zeros(len(GROUPS))
+    deviation[AXIS_GROUP] = {"jitter .02": 2e-5, "jitter .1": 1e-4, "all": 2e-5}.get(kind, 0.0)
+    if not kind.startswith("jitter"):
+        columns = model.fields[:, :3].reshape(true.size, -1)
+        change = (true - paper_target().object_points).reshape(-1)
+        square = np.linalg.lstsq(columns, change, rcond=None)[0] ** 2
+        for group in np.unique(model.group):
+            deviation[group] = np.sqrt(square[model.group == group].mean())
+    return np.where(deviation > LEAST, deviation, 0.0)
+
+
+def with_penalties(model: ShapeModel, deviation: np.ndarray) -> ShapeModel:
+    """The fields and shifts that have a deviation (G,), under σ²/τ²."""
+    kept = np.flatnonzero(deviation[model.group] > 0)
+    rough = None
+    if deviation[AXIS_GROUP].all():
+        rough = np.tile(NOISE**2 / deviation[AXIS_GROUP] ** 2, (len(model.nominal), 1))
+    return replace(
+        model,
+        fields=model.fields[..., kept],
+        group=model.group[kept],
+        penalty=NOISE**2 / deviation[model.group[kept]] ** 2,
+        rough_penalty=rough,
+        names=tuple(model.names[index] for index in kept),
+    )
+
+
+def print_bounds(cases: list[Case], seeds: range, workers: int) -> None:
+    rows = []
+    for case in cases:
+        known, free = np.mean(spread_over(bounds, [(case, seed) for seed in seeds], workers), axis=0)
+        sigma = f"{1e3 * np.sqrt(known):.3f}"
+        rows.append((f"{case.camera}, {case.views}, {case.kind}", sigma, f"{np.sqrt(free / known):.3f}"))
+    print(markdown(("board", "E(60°) mm, points known", "shape unknown / known"), rows))
+
+
 def row(case: Case, found: np.ndarray) -> tuple[list[str], bool]:
     """A line of the table from draws (D, 8), and whether it is within its limit."""
     rms = np.sqrt((found[:, [0, 2, 3, 5]] ** 2).mean(axis=0))
@@ -181,7 +255,12 @@ def main() -> None:
     parser.add_argument("--cameras", nargs="+", default=list(CAMERAS), choices=list(CAMERAS))
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=KINDS)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--bound", action="store_true", help="what an unknown shape costs at least")
     arguments = parser.parse_args()
+    if arguments.bound:
+        cases = [Case(*each) for each in product(arguments.cameras, arguments.views, arguments.kinds)]
+        print_bounds(cases, range(arguments.seed, arguments.seed + arguments.draws), arguments.workers)
+        return
     rows, all_good, covered = [], True, []
     for camera in arguments.cameras:
         for views in arguments.views:
