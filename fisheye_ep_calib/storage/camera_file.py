@@ -332,7 +332,7 @@ def _fact(name: object, value: Any) -> Any:
     if isinstance(value, list) and not any(isinstance(element, list | dict) for element in value):
         return [_fact(name, element) for element in value]
     numbers = isinstance(value, dict) and all(isinstance(number, int | float) for number in value.values())
-    if numbers and name == "calibration: error_budget":
+    if numbers and name == "error_budget":
         return {one_line(key, _LONGEST_TEXT): float(number) for key, number in value.items()}
     if isinstance(value, str):
         return one_line(value)
