@@ -10,7 +10,8 @@ One camera leaves corrections that scatter about zero, by noise, a board that fl
 described. Two leave two, one for each group of images. They are found by turns, as means of two clusters are (Lloyd):
 the groups' corrections, then every view's better one. Taken from the group's other views, they explain then nearly all
 of what a view asks of fx, fy, cx, cy, which it tells by itself; two corrections never explain that of what scatters (of
-a normal distribution on a line 2/π, less in more dimensions), and hardly any view lies between the groups.
+a normal distribution on a line 2/π, less in more dimensions, and of V draws of one hardly ever more than
+2/π + 0.72/√V), and hardly any view lies between the groups.
 
 A model that fails asks for corrections too: without its pupil, near and far views are as of two cameras. So the groups
 must not be told by where the target stood (Mann and Whitney's ranks).
@@ -30,7 +31,7 @@ PARAMETERS = ("fx", "fy", "cx", "cy")
 _LEAST_VIEWS = 8
 _LEAST_OF_GROUP = 3
 _LEAST_SHARE_OF_VIEWS = 0.15
-_EXPLAINED = 0.85  # of what the views ask for, beyond what noise makes of it
+_SCATTER = 0.72  # over √V: what splitting V normal variables explains beyond 2/π, in one of a hundred sets
 _PLACED = 3.0  # σ by which the target stood elsewhere in one group than in the other
 _CLEAR = 4.0  # the median view's gain over the other group's correction, in σ²
 _RIDGE = 1e-6
@@ -57,7 +58,7 @@ class TwoCameras:
         fewest = min(self.group.sum(), (~self.group).sum())
         return bool(
             fewest >= max(_LEAST_OF_GROUP, _LEAST_SHARE_OF_VIEWS * len(self.group))
-            and self.explained >= _EXPLAINED
+            and self.explained >= 2 / np.pi + _SCATTER / np.sqrt(len(self.group))
             and self.clearness >= _CLEAR
         )
 
