@@ -183,7 +183,7 @@ def check_scheduler(address: str) -> None:
 
 def _client_of(address: str) -> Any:
     try:
-        from distributed import Client
+        from distributed import Client, Security
     except ModuleNotFoundError as error:
         raise InputError(f"`scheduler` needs the Python package {error.name}: pip install '{PACKAGE}'") from None
     # Its own words on workers that come and go are not for the user of a command.
@@ -191,6 +191,13 @@ def _client_of(address: str) -> Any:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if not _ADDRESS.match(address):  # a client that fails over it would linger
         raise InputError(f"`scheduler` {address!r} is no address such as tcp://HOST:PORT")
+    # Of distributed, without types. A client that has no certificates would linger too.
+    own = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
+    if address.startswith("tls:") and own.get("ssl_context") is None:
+        raise InputError(
+            f"`scheduler` {address} needs certificates: "
+            "set DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__CLIENT__CERT and …__CLIENT__KEY"
+        )
     try:
         return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)  # type: ignore[no-untyped-call]  # its own
     except (OSError, ValueError, TypeError) as error:
