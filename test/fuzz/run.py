@@ -6,6 +6,7 @@ Failing inputs are kept in .fuzz/, named by what does not hold. Exit code 1 wher
 from __future__ import annotations
 
 import hashlib
+import resource
 import sys
 import time
 from collections import Counter
@@ -82,6 +83,7 @@ def main() -> int:
     minutes = float(sys.argv[1]) if len(sys.argv) > 1 else 1.0
     number = int(sys.argv[2]) if len(sys.argv) > 2 else int(time.time())
     preload()
+    resource.setrlimit(resource.RLIMIT_DATA, (3 << 30, 3 << 30))  # of the harness too
     record, began = Record(), time.monotonic()
     until = began + 60 * minutes
     while time.monotonic() < until:
