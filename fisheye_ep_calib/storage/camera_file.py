@@ -139,7 +139,7 @@ def _calibrated(result: CalibrationResult, source: str) -> dict[str, Any]:
             "board_warp": _floats(result.board_warp),
             "board": _board_content(result),
             "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
-            "source": str(source),
+            "source": one_line(source),
             "software": f"fisheye_ep_calib {__version__}",
         },
     }
