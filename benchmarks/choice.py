@@ -103,7 +103,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--recordings", type=int, default=12)
     films = [film(seed) for seed in range(parser.parse_args().recordings)]
-    for name, choose in (("chosen", chosen), ("best", lambda one: best(one, FrameChoice().max_views))):
+    for name, choose in (("chosen", chosen), ("best", lambda one: best(one, FrameChoice().most))):
         judged = [judge(one, choose(one), seed) for seed, one in enumerate(films)]
         ratio = np.mean([ratios for ratios, _ in judged], axis=0)[SHOWN]
         within = np.mean([shares for _, shares in judged], axis=0)

@@ -18,6 +18,7 @@ from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, sizes
 from fisheye_ep_calib.collection.workers import Job
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.planning.image_choice import FrameChoice, first_look, first_moments, next_look, next_moments
+from fisheye_ep_calib.planning.nothing_found import worth_a_look
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
 
@@ -94,19 +95,28 @@ class Collector:
         counts = {topic: self._recording.count(topic) for topic in topics}
         first = {topic: first_look(counts[topic], choice) for topic in topics}
         looked_at: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
-        expected = sum(min(count, max(choice.max_views, len(first[topic]))) for topic, count in counts.items())
+        expected = sum(min(count, max(choice.most, len(first[topic]))) for topic, count in counts.items())
 
         def next_jobs(topic: str) -> list[Job]:
-            return [Job(topic, index) for index in self._next_look(looked_at[topic], counts[topic], choice)]
+            seen = looked_at[topic]
+            planned = [index for index in first[topic] if index not in seen]
+            if not planned and _of_one_size(seen):
+                planned = self._next_look(seen, counts[topic], choice)
+            if choice.gives_up and not _any_view(seen):
+                planned = worth_a_look(planned, _pixels(seen))
+            return [Job(topic, index) for index in planned]
 
-        jobs = {topic: [Job(topic, index) for index in first[topic]] for topic in topics}
+        jobs = {topic: next_jobs(topic) for topic in topics}
         interrupted = self._look(_SEARCH, expected, jobs, looked_at, next_jobs, self._log)
         return self._runs(looked_at, interrupted)
 
-    def collect_moments(self, topics: Sequence[str], moments: np.ndarray, most: int) -> dict[str, DetectionRun]:
+    def collect_moments(
+        self, topics: Sequence[str], moments: np.ndarray, choice: FrameChoice
+    ) -> dict[str, DetectionRun]:
         """Look at images that several cameras took at the same time: some moments, then those next to shared views.
 
-        moments (m, topics): an image's number for each topic, −1 where it has none. most: look at so many moments.
+        moments (m, topics): an image's number for each topic, −1 where it has none. choice: its ``max_views`` counts
+        moments; ``every`` means nothing here.
         Ends as ``collect`` does.
         """
         self._open_log(topics)
@@ -122,11 +132,18 @@ class Collector:
             ]
             looked = np.array([any(row) for row in results])
             shared = np.array([sum(bool(result and result.is_view) for result in row) > 1 for row in results])
-            return jobs_of(next_moments(looked, shared, most))
+            planned = first[~looked[first]]
+            if not len(planned) and all(map(_of_one_size, looked_at.values())):
+                planned = next_moments(looked, shared, choice.most)
+            if choice.gives_up and not any(map(_any_view, looked_at.values())):
+                pixels = [area for seen in looked_at.values() for area in _pixels(seen)]
+                planned = np.array(worth_a_look(planned, pixels, len(topics)), dtype=int)
+            return jobs_of(planned)
 
-        first = jobs_of(first_moments(len(moments), most))
-        expected = min(most, len(moments)) * len(topics)
-        interrupted = self._look(_SEARCH, expected, {_ALL: first}, looked_at, next_jobs, self._log, lambda topic: _ALL)
+        first = first_moments(len(moments), choice.most)
+        expected = min(choice.most, len(moments)) * len(topics)
+        jobs = {_ALL: next_jobs(_ALL)}
+        interrupted = self._look(_SEARCH, expected, jobs, looked_at, next_jobs, self._log, lambda topic: _ALL)
         return self._runs(looked_at, interrupted)
 
     def refine(self, guides: Sequence[Guide]) -> dict[str, DetectionRun]:
@@ -182,10 +199,7 @@ class Collector:
                     self._on_progress(Progress(step, looked, expected, views))
                 left[part] -= 1
                 if left[part] == 0:
-                    of_one_size = all(
-                        sizes_differ(_in_order(looked_at[name])) is None for name in looked_at if part_of(name) == part
-                    )
-                    following = next_jobs(part) if of_one_size else ()
+                    following = next_jobs(part)
                     left[part] = len(following)
                     at_hand.extend(self._begin(following, log))
             self._on_progress(Progress(step, looked, looked, views))  # what else was expected promised nothing new
@@ -232,6 +246,19 @@ class Collector:
             for index, frame in looked_at.items()
         }
         return next_look(detections, self._target, size, count, choice)
+
+
+def _any_view(frames: Mapping[int, FrameResult]) -> bool:
+    return any(frame.is_view for frame in frames.values())
+
+
+def _of_one_size(frames: Mapping[int, FrameResult]) -> bool:
+    return sizes_differ(_in_order(frames)) is None
+
+
+def _pixels(frames: Mapping[int, FrameResult]) -> list[int]:
+    """Of each image looked at; 0 where it could not be read."""
+    return [width * height for width, height in (frame.image_size or (0, 0) for frame in frames.values())]
 
 
 def _in_order(frames: Mapping[int, FrameResult]) -> tuple[FrameResult, ...]:

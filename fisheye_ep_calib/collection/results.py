@@ -156,9 +156,10 @@ class DetectionRun:
             return InputError(f"{self.topic}: none of {self.bad_frames} images can be read: {self.frames[0].error}")
         reasons = counted([frame.reason for frame in self.frames])
         left = self.available - len(self.frames)
-        others = f", or look at more of the {self.available} (`max_views`, `every`)" if left else ""
+        others = ", or look at more images (`max_views`, `every`)" if left else ""
+        which = f"{len(self.frames)} images" + (f" looked at, of {self.available}" if left else "")
         return CalibrationError(
-            f"{self.topic}: the target was found in none of {len(self.frames)} images ({reasons}); "
+            f"{self.topic}: the target was found in none of {which} ({reasons}); "
             f"check that the target file describes the printed target{others}"
         )
 

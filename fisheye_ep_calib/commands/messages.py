@@ -41,4 +41,6 @@ def with_options(message: str, arguments: argparse.Namespace | None) -> str:
             return "--all"
         return _OPTIONS.get(name, f"--{name.replace('_', '-')}")
 
+    if hasattr(arguments, "max_moments"):
+        message = message.replace("`max_views`, `every`", "`max_moments`")
     return re.sub(r"`([a-z][a-z_]*)`", option, message)

@@ -69,7 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="auto: the cameras' clocks differ by constants, which are found by how the target moved (default: none)",
     )
     looking = parser.add_argument_group("which images to look at")
-    looking.add_argument("--max-moments", type=int, default=150, metavar="N", help="look at N times (default: 150)")
+    looking.add_argument(
+        "--max-moments", type=int, metavar="N", help="look at N times (default: 150, fewer if none shows the target)"
+    )
     add_worker_arguments(looking)
     parser.add_argument("--board-warp", action="store_true", help="estimate the bow of the target too")
     parser.add_argument(

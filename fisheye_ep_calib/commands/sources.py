@@ -39,7 +39,10 @@ def add_looking_arguments(parser: argparse.ArgumentParser) -> None:
     )
     looking = parser.add_argument_group("which images to look at")
     looking.add_argument(
-        "--max-views", type=int, default=150, metavar="N", help="choose at most N a camera (default: 150), unless:"
+        "--max-views",
+        type=int,
+        metavar="N",
+        help="choose at most N a camera (default: 150, fewer if none shows it), unless:",
     )
     which = looking.add_mutually_exclusive_group()
     which.add_argument("--every", type=int, metavar="N", help="every N-th image, whatever it shows")

@@ -36,14 +36,14 @@ class Look:
     """Which images are looked at, and by whom.
 
     topics: camera name → topic, or topics; None for the only one, or that of the camera called ``camera``. max_views:
-    images chosen of a camera, unless every: each N-th image, whatever it shows. strict: damaged recordings and images
-    are errors. workers: processes, one a core where it is None. scheduler: address of a Dask cluster that looks
-    instead. log: keeps what was found so far.
+    images chosen of a camera, None for 150, or fewer where they show nothing; unless every: each N-th image, whatever
+    it shows. strict: damaged recordings and images are errors. workers: processes, one a core where it is None.
+    scheduler: address of a Dask cluster that looks instead. log: keeps what was found so far.
     """
 
     topics: Topics = None
     camera: str = ""
-    max_views: int = 150
+    max_views: int | None = None
     every: int | None = None
     strict: bool = False
     workers: int | None = None
@@ -77,7 +77,7 @@ class Looking:
     def first_look_together(self, moments: np.ndarray) -> list[CameraSource]:
         """The same for images taken at the same time, moments (m, topics): an image's number each, −1 for none."""
         topics = tuple(self.topics.values())
-        return self._first(self.collector.collect_moments(topics, moments, self.choice.max_views))
+        return self._first(self.collector.collect_moments(topics, moments, self.choice))
 
     def _first(self, runs: Mapping[str, DetectionRun]) -> list[CameraSource]:
         _refuse_interrupted(runs)

@@ -20,7 +20,7 @@ from fisheye_ep_calib.target.detection import Detection
 # Fixed, and not a matter of how many workers there are: the choice must not depend on the machine.
 FRAMES_A_ROUND = 24
 FIRST_LOOK = 1 / 3  # of the images that will be looked at
-NOTHING_THERE = 0.45  # of them: where these, spread over a longer recording, show nothing, the others are left alone
+MOST_IMAGES = 150  # of a camera, where no number is asked for
 
 # Worth of looking between two images, where 1 is a target that moved by the least that counts as new.
 WORTH_AT_ENTRY = 2.0  # found in one of them: in between it crosses the edge of the field, where views are rare
@@ -29,38 +29,49 @@ WORTH_OF_NOTHING = 0.05  # found in neither
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """How to choose. max_views: look at this many images of a camera at most.
+    """How to choose. max_views: look at this many images of a camera at most; None for the usual number, and for fewer
+    where none of them shows the target.
 
     every: look at every n-th image instead, whatever it shows; 1 looks at all.
     """
 
-    max_views: int = 150
+    max_views: int | None = None
     every: int | None = None
 
     def __post_init__(self) -> None:
-        if self.max_views < 1:
+        if self.max_views is not None and self.max_views < 1:
             raise InputError(f"the number of views must be at least 1, not {self.max_views}")
         if self.every is not None and self.every < 1:
             raise InputError(f"every n-th image needs n of at least 1, not {self.every}")
+
+    @property
+    def most(self) -> int:
+        """How many images of a camera to look at."""
+        return MOST_IMAGES if self.max_views is None else self.max_views
+
+    @property
+    def gives_up(self) -> bool:
+        """Whether to stop where nothing is found: nobody said how many images are to be looked at."""
+        return self.max_views is None and self.every is None
 
 
 def first_look(count: int, choice: FrameChoice) -> list[int]:
     """The images to look at first: all of them where they are few, else evenly spread from first to last."""
     if choice.every is not None:
         return list(range(0, count, choice.every))
-    if count <= choice.max_views:
+    if count <= choice.most:
         return list(range(count))
-    spread = max(2, round(FIRST_LOOK * choice.max_views))
-    if choice.max_views == 1:
+    spread = max(2, round(FIRST_LOOK * choice.most))
+    if choice.most == 1:
         return [count // 2]
-    return sorted(set(np.round(np.linspace(0, count - 1, min(spread, choice.max_views))).astype(int).tolist()))
+    return sorted(set(np.round(np.linspace(0, count - 1, min(spread, choice.most))).astype(int).tolist()))
 
 
 def room_left(looked_at: int, count: int, choice: FrameChoice) -> int:
     """How many images to look at in the next round."""
     if choice.every is not None:
         return 0
-    return max(0, min(FRAMES_A_ROUND, choice.max_views - looked_at, count - looked_at))
+    return max(0, min(FRAMES_A_ROUND, choice.most - looked_at, count - looked_at))
 
 
 def next_look(
@@ -78,8 +89,6 @@ def next_look(
     if room == 0:
         return []
     detections = {image: detection for image, detection in looked_at.items() if detection is not None}
-    if not detections and len(looked_at) >= NOTHING_THERE * choice.max_views:
-        return []
     chosen = most_informative(detections, sorted(looked_at), target, image_size, room)
     signatures = {
         image: view_signature(target.object_points[detection.point_index], detection.pixels, image_size)

@@ -65,7 +65,7 @@ def test_moments_of_several_cameras_too(two_workers, tmp_path):
     runs = []
     for options in ({}, {"scheduler": two_workers}):
         with open_recording(path) as recording, Collector(recording, TARGET, **options) as collector:
-            runs.append(collector.collect_moments(topics, moments, 20))
+            runs.append(collector.collect_moments(topics, moments, FrameChoice(20)))
     assert all(len(runs[0][topic].frames) == 20 and same(runs[0][topic], runs[1][topic]) for topic in topics)
 
 

@@ -72,7 +72,7 @@ def collect_moments(path, most=60, **options):
     moments = np.stack([np.arange(300), np.arange(300)], axis=1)
     moments[200, 1] = -1
     with open_recording(path) as recording, Collector(recording, TARGET, **options) as collector:
-        return collector.collect_moments([LEFT, RIGHT], moments, most)
+        return collector.collect_moments([LEFT, RIGHT], moments, FrameChoice(most))
 
 
 def test_moments_are_looked_at_together_next_to_those_that_two_cameras_saw(tmp_path):

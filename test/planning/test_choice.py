@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.planning.image_choice import FrameChoice, closer_look, first_look, next_look, room_left
+from fisheye_ep_calib.planning.image_choice import FrameChoice, closer_look, first_look, room_left
 from fisheye_ep_calib.planning.view_selection import ViewSignature
-from fisheye_ep_calib.target import Detection, parse_target
 
 
 def view(x=0.5, y=0.5, size=0.0, tilt=(0, 0, 0, 0)) -> ViewSignature:
@@ -83,24 +82,3 @@ def test_never_more_than_asked_for():
     generator = np.random.default_rng(0)
     recording = [view(*generator.uniform(size=2), generator.uniform(-2, 2)) for _ in range(3000)]
     assert len(look_at_all_chosen(recording, FrameChoice(max_views=60))) == 60
-
-
-def test_a_recording_that_shows_nothing_is_left_before_all_are_looked_at():
-    """Half of the usual number, spread from end to end; one sighting, and the others are looked at too."""
-    target = parse_target({"type": "chessboard", "columns": 5, "rows": 4, "spacing": 0.02})
-    seen = Detection(np.arange(20), 100 + 20 * target.object_points[:, :2] / 0.02)
-
-    def looked_at(shows: dict[int, Detection], choice: FrameChoice) -> list[int]:
-        found: dict[int, Detection | None] = {}
-        chosen = first_look(2000, choice)
-        while chosen:
-            found |= {image: shows.get(image) for image in chosen}
-            chosen = next_look(found, target, (640, 480), 2000, choice)
-        return sorted(found)
-
-    nothing = looked_at({}, FrameChoice())
-    assert len(nothing) == 74 and nothing[0] == 0 and nothing[-1] == 1999 and np.diff(nothing).max() <= 42
-    assert len(looked_at({}, FrameChoice(max_views=300))) < 150
-    assert len(looked_at({}, FrameChoice(every=20))) == 100
-    some = looked_at({nothing[40]: seen}, FrameChoice())
-    assert len(some) > 74 and set(first_look(2000, FrameChoice())) <= set(some)
