@@ -6,7 +6,7 @@ import pytest
 from bag_writers import messages, write_folder, write_mcap
 from numbered_target import ABSENT, INTERRUPTS, TARGET, picture
 
-from fisheye_ep_calib.collection import Collector
+from fisheye_ep_calib.collection import Collector, FrameChoice
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.recording import open_recording
 from fisheye_ep_calib.target.base import rectangular_grid
@@ -16,7 +16,7 @@ PICTURES = [picture(x=i) if i % 3 else picture(ABSENT) for i in range(12)]
 
 def collect(folder, target=TARGET, **options):
     with open_recording(folder) as recording, Collector(recording, target, **options) as collector:
-        return collector.collect(["front"])["front"]
+        return collector.collect(["front"], FrameChoice(every=1))["front"]
 
 
 def unreadable_but_alike(path):
