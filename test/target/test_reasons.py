@@ -160,3 +160,23 @@ def test_a_grid_of_another_radius_is_named(radius, negative):
     assert len(found) == 0 and "check radius" in found.reason
     said = float(found.reason.split("(")[1].split(" m")[0])
     assert said == pytest.approx(radius, rel=0.03)
+
+
+@pytest.mark.parametrize("counts", [(8, 5), (8, 6), (9, 5), (5, 8)])
+@pytest.mark.parametrize("tilt", [0.1, 0.6])
+def test_a_chessboard_with_more_corners_than_its_file(counts: tuple[int, int], tilt: float) -> None:
+    image = render(CAMERA, BOARDS["chessboard"], look_pose(BOARDS["chessboard"], tilt, 0.4, 0.25), Imaging(noise=2))
+    keys = {"type": "chessboard", "columns": counts[0], "rows": counts[1], "spacing": 0.012}
+    detection = parse_target(keys).detector().detect(image)
+    wide, high = sorted(counts, reverse=True)
+    assert f"9 × 6 corners are seen, more than the target file's {wide} × {high}" in detection.remark
+
+
+@pytest.mark.parametrize("counts", [(9, 6), (6, 9)])
+@pytest.mark.parametrize("away", [0.08, 0.25])
+def test_nothing_is_remarked_of_a_chessboard_as_its_file_has_it(counts: tuple[int, int], away: float) -> None:
+    """Either way round, whole or in part."""
+    image = render(CAMERA, BOARDS["chessboard"], look_pose(BOARDS["chessboard"], 0.3, 0.4, away), Imaging(noise=2))
+    keys = {"type": "chessboard", "columns": counts[0], "rows": counts[1], "spacing": 0.012}
+    detection = parse_target(keys).detector().detect(image)
+    assert len(detection) and detection.remark == ""

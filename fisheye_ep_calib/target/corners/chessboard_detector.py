@@ -132,6 +132,7 @@ class ChessboardDetector:
         # The lattice is judged by all that is in it: of the corners that fit well, too few may be neighbours.
         regular = labels.named.any() and is_regular(cells[labels.named], pixels[labels.named])
         pixels, fits = _refine(image, cells, pixels, parity)
+        remark = self._larger(cells[fits], labels.named[fits])
         fits &= labels.named
         if fits.any():
             fits[fits] = smooth(cells[fits], pixels[fits])
@@ -141,7 +142,23 @@ class ChessboardDetector:
         if fits.sum() < self.fewest:
             reason = f"{int(fits.sum())} of {len(self.lattice)} corners"
             return Detection(reason=reason, rejected=np.vstack([rejected, pixels[fits]]))
-        return Detection(labels.point_index[fits], pixels[fits], rejected=rejected)
+        return Detection(labels.point_index[fits], pixels[fits], rejected=rejected, remark=remark)
+
+    def _larger(self, cells: np.ndarray, named: np.ndarray) -> str:
+        """What is to be told where the board has more corners (k, 2) than its file, which names (k,) of them.
+
+        More by most of a row or a column: one or two beyond the edge may be something else.
+        """
+        columns, rows = sorted((self.target.columns, self.target.rows), reverse=True)
+        if not named.any() or (~named).sum() < MOSTLY_FOUND * rows:
+            return ""
+        wide, high = sorted((np.ptp(cells, axis=0) + 1).tolist(), reverse=True)
+        if wide <= columns and high <= rows:
+            return ""
+        return (
+            f"{wide} × {high} corners are seen, more than the target file's {columns} × {rows}: points are named "
+            "differently from view to view; count the inner corners"
+        )
 
     def _find(self, image: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
         """Lattice coordinates (k, 2) int with the handedness of (u, v), and rough pixels (k, 2).
