@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fisheye_ep_calib.calibration import calibrate
+from fisheye_ep_calib.calibration.assessing.target_findings import largest_lattice
 from fisheye_ep_calib.calibration.calibrate import rough_camera
 from fisheye_ep_calib.calibration.estimating.sightings import MIN_VIEWS
 from fisheye_ep_calib.calibration.options import AUTO
@@ -167,11 +168,24 @@ def _calibrated(
 
 
 def _with_reasons(error: CalibrationError, camera: CameraSource) -> CalibrationError:
-    """The same error; where too few images are views, with every reason, counted."""
+    """The same error; where too few images are views, with every reason, counted; and where the board is smaller than
+    its file.
+    """
     outcome = camera.outcome  # where there are no views at all the error tells the reasons by itself
-    if isinstance(outcome, CalibrationError) or outcome.view_count >= MIN_VIEWS or not camera.unused_views:
+    if isinstance(outcome, CalibrationError):
         return error
-    told = type(error)(f"{error}; images not used: {counted(list(camera.unused_views.values()))}")
+    reasons = []
+    if outcome.view_count < MIN_VIEWS and camera.unused_views:
+        reasons.append(f"images not used: {counted(list(camera.unused_views.values()))}")
+    if lattice := largest_lattice(outcome.object_points, outcome.image_index, outcome.point_index):
+        columns, rows, most_columns, most_rows = lattice
+        reasons.append(
+            f"no view shows more than {most_columns} × {most_rows} of the target file's {columns} × {rows} points: "
+            "count them on the board"
+        )
+    if not reasons:
+        return error
+    told = type(error)("; ".join([str(error), *reasons]))
     told.exit_code = error.exit_code
     return told
 

@@ -74,9 +74,18 @@ def units(distance: np.ndarray, camera: FisheyeCamera) -> list[Finding]:
 def smaller_lattice(points: np.ndarray, image_index: np.ndarray, point_index: np.ndarray) -> tuple[int, ...] | None:
     """Columns and rows of the file, then those that were seen, where these are one fewer each way; else None.
 
-    points (n, 3): metres. image_index, point_index (M,): of the sightings. A board that is one column and one row
-    smaller than its file fits it in several places, across too: its labels shift from view to view, but no view ever
-    shows more of it, and many show just that.
+    As ``largest_lattice``. A board that is one column and one row smaller than its file fits it in several places,
+    across too: its labels shift from view to view, but no view ever shows more of it.
+    """
+    seen = largest_lattice(points, image_index, point_index)
+    return seen if seen is not None and seen[2:] == (seen[0] - 1, seen[1] - 1) else None
+
+
+def largest_lattice(points: np.ndarray, image_index: np.ndarray, point_index: np.ndarray) -> tuple[int, ...] | None:
+    """Columns and rows of the file, then those of a smaller lattice that no view exceeds and many show whole; or None.
+
+    points (n, 3): metres. image_index, point_index (M,): of the sightings. Which of the smaller lattice's two counts is
+    the larger follows the file: it may lie across.
     """
     grid = np.stack([np.unique(np.round(axis, 6), return_inverse=True)[1] for axis in points[:, :2].T], axis=1)
     columns, rows = (int(count) + 1 for count in grid.max(axis=0))
@@ -85,8 +94,8 @@ def smaller_lattice(points: np.ndarray, image_index: np.ndarray, point_index: np
     views = np.unique(image_index)
     points_of_view = [np.unique(point_index[image_index == view]) for view in views]
     spans = np.sort([np.ptp(grid[part], axis=0) + 1 for part in points_of_view], axis=1)
-    if len(views) < _LEAST_VIEWS or (spans > np.sort([columns - 1, rows - 1])).any():
+    few, many = (int(count) for count in spans.max(axis=0)) if len(views) else (0, 0)
+    whole = sum(len(part) == few * many for part in points_of_view)
+    if (few, many) == (min(columns, rows), max(columns, rows)) or whole < max(_LEAST_VIEWS, _LEAST_SHARE * len(views)):
         return None
-    whole = sum(len(part) == (columns - 1) * (rows - 1) for part in points_of_view)
-    enough = whole >= max(_LEAST_VIEWS, _LEAST_SHARE * len(views))
-    return (columns, rows, columns - 1, rows - 1) if enough else None
+    return (columns, rows, many, few) if columns >= rows else (columns, rows, few, many)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fisheye_ep_calib.calibration.assessing.target_findings import smaller_lattice
+from fisheye_ep_calib.calibration.assessing.target_findings import largest_lattice, smaller_lattice
 from fisheye_ep_calib.target.base import rectangular_grid
 
 
@@ -38,3 +38,14 @@ def test_a_board_laid_across_is_cut_by_its_file():
     across = sightings(9, 7, [(2, 0)], 6, 7)[1]
     image, point = np.append(image, np.full(len(across), 3)), np.append(point, across)
     assert smaller_lattice(rectangular_grid(9, 7, 0.02, 0.02), image, point) == (9, 7, 8, 6)
+
+
+@pytest.mark.parametrize(
+    "wide, high, said", [(8, 6, (9, 7, 8, 6)), (7, 4, (9, 7, 7, 4)), (9, 6, (9, 7, 9, 6)), (9, 7, None)]
+)
+def test_whatever_lattice_is_smaller_and_seen_whole(wide, high, said):
+    points = rectangular_grid(9, 7, 0.02, 0.03)
+    image, point = sightings(9, 7, [(0, 0), (1, 1), (1, 0), (0, 1), (0, 0)], wide, high)
+    assert largest_lattice(points, image, point) == said
+    cut = ~np.isin(point, np.flatnonzero(np.arange(63) % 9 == 4))  # a column is hidden: no view is whole
+    assert largest_lattice(points, image[cut], point[cut]) is None
