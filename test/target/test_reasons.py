@@ -180,3 +180,15 @@ def test_nothing_is_remarked_of_a_chessboard_as_its_file_has_it(counts: tuple[in
     keys = {"type": "chessboard", "columns": counts[0], "rows": counts[1], "spacing": 0.012}
     detection = parse_target(keys).detector().detect(image)
     assert len(detection) and detection.remark == ""
+
+
+@pytest.mark.parametrize("counts, said", [((10, 6), True), ((10, 7), True), ((11, 7), False), ((7, 11), False)])
+@pytest.mark.parametrize("away", [0.1, 0.25])
+def test_a_grid_with_more_discs_than_its_file(counts: tuple[int, int], said: bool, away: float) -> None:
+    keys = {"type": "circle_grid", "columns": 11, "rows": 7, "spacing": 0.012, "radius": 0.004}
+    board = parse_target(keys)
+    image = render(CAMERA, board, look_pose(board, 0.3, 0.4, away), Imaging(noise=2))
+    file = parse_target(keys | {"columns": counts[0], "rows": counts[1]})
+    detection = file.detector().detect(image)
+    assert len(detection) > 0
+    assert detection.remark.startswith("the grid goes on: ") == said

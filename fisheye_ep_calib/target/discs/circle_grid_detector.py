@@ -35,6 +35,7 @@ SEARCH_SIDE = 700  # pixels of the longer side of the image that is searched
 WINDOWS = (31, 121)  # pixels: adaptive thresholds for small discs and large ones
 MOST_LATTICES = 4  # of an image that are measured
 TOO_MANY = 1.5  # times the discs of the target: something else
+MOST_OF_A_ROW = 0.6  # share of the root of the number of discs, from which on a larger grid is told
 MOSTLY_SEEN = 0.6  # share of the discs from which on a grid of another radius is told
 MOSTLY_FOUND = 0.8  # share of the discs that ends the search
 UNKNOWN_RATIO = 2.4  # pitch over radius where the target file tells no radius
@@ -203,8 +204,18 @@ class CircleGridDetector:
         good[good] = smooth(cells[good], discs.center[good])
         loose = np.ones(len(blobs), dtype=bool)
         loose[lattice.blob[good[: len(lattice)]]] = False
-        detection = Detection(labels.point_index[good], discs.center[good], rejected=blobs.center[loose])
+        remark = self._larger(beyond)
+        detection = Detection(labels.point_index[good], discs.center[good], rejected=blobs.center[loose], remark=remark)
         return _Found(len(detection) - 2 * beyond, detection)
+
+    def _larger(self, beyond: int) -> str:
+        """What is to be told where discs go on beyond the target's by most of a row; one or two may be anything."""
+        if beyond < MOST_OF_A_ROW * math.sqrt(self.total):
+            return ""
+        return (
+            f"the grid goes on: {beyond} discs are seen beyond the target file's {self.total}, so that points are "
+            "named differently from view to view; count columns and rows"
+        )
 
     def _other_radius(self, cells: np.ndarray, discs: Measurement, blobs: Blobs) -> str:
         """What to say of discs at cells (k, 2) that are a grid but for their radius; empty where they are none."""
