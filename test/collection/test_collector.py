@@ -283,9 +283,9 @@ def test_a_second_ctrl_c_does_not_break_off_the_clean_up(tmp_path, monkeypatch):
         workers.next_result()
         ended = workers._end_pool
         monkeypatch.setattr(workers, "_end_pool", lambda: (os.kill(os.getpid(), signal.SIGINT), ended()))
-        search, started = Path(workers._search.name), time.monotonic()
+        scratch, started = workers._scratch.path, time.monotonic()
         workers.close()
-        assert time.monotonic() - started < 5 and not search.exists()
+        assert time.monotonic() - started < 5 and not scratch.exists()
     assert multiprocessing.active_children() == []
     with pytest.raises(KeyboardInterrupt):  # heard again
         os.kill(os.getpid(), signal.SIGINT)
