@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Any
 
+_SPACES = "\u00a0\u2009\u202f"  # no-break, thin, and both; ``isprintable`` is false for them
 LONGEST = 4000  # characters of a line that is printed
 
 _REPR = reprlib.Repr()
@@ -29,7 +30,7 @@ def one_line(text: object, longest: int = LONGEST) -> str:
         line = f"{line[: longest // 2]} … {line[-longest // 2 :]}"
     if line.isprintable():
         return line
-    return "".join(character if character.isprintable() else _escaped(character) for character in line)
+    return "".join(character if _is_plain(character) else _escaped(character) for character in line)
 
 
 def printable(text: str) -> str:
@@ -37,12 +38,17 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     start = "\r" if text.startswith("\r") else ""
-    return start + "".join(c if c.isprintable() or c in "\n\t" else _escaped(c) for c in text[len(start) :])
+    return start + "".join(c if _is_plain(c) or c in "\n\t" else _escaped(c) for c in text[len(start) :])
 
 
 def shown(value: object) -> str:
     """A value that an error repeats, as Python writes it, in a few words."""
     return one_line(_REPR.repr(value))
+
+
+def _is_plain(character: str) -> bool:
+    """Whether it may be printed as it is; spaces that keep a number with its unit may."""
+    return character.isprintable() or character in _SPACES
 
 
 def _escaped(character: str) -> str:

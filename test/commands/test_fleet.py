@@ -132,10 +132,12 @@ def test_a_device_that_is_interrupted_as_it_starts_is_called_so(command, fleet, 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
 def test_a_device_whose_process_is_killed_costs_no_other(command, fleet, tmp_path):
+    others = set(multiprocessing.active_children())  # left by tests before
+
     def kill_first():
-        while not (children := multiprocessing.active_children()):
+        while not (children := set(multiprocessing.active_children()) - others):
             time.sleep(0.01)
-        os.kill(children[0].pid, signal.SIGKILL)
+        os.kill(children.pop().pid, signal.SIGKILL)
 
     (tmp_path / "list").write_text(f"{fleet / 'unit0.npz'}\n{fleet / 'unit1.npz'}\n")
     killer = threading.Thread(target=kill_first)

@@ -87,3 +87,9 @@ def test_an_input_error_is_one_line_however_it_is_made(command, tmp_path) -> Non
     ended = command("target", "t.yaml", "--output", "x.pdf")
     assert ended.code == InputError.exit_code and len(ended.err.splitlines()) == 1
     assert_plain(ended.err)
+
+
+def test_a_number_keeps_its_unit() -> None:
+    from fisheye_ep_calib.plain_text import one_line, printable
+
+    assert one_line("0.12\u00a0m") == printable("0.12\u00a0m\n").strip("\n") == "0.12\u00a0m"
