@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.refusal import focal_length_determined, why_undetermined, why_unusable
-from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
-from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.fit import Fit, independent_covariance
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.options import AUTO, Options, base_structure, wanted_shape, with_board
 from fisheye_ep_calib.calibration.result import CalibrationResult
@@ -114,5 +113,6 @@ def _why_refused(result: CalibrationResult) -> str | None:
     """Why the views leave the focal length open, by the bands as they are given; None where they do not."""
     if not focal_length_determined(result.fit):
         return why_undetermined(result.fit)
-    parameters = result.uncertainty if result.choice else uncertainty(result.fit)
-    return why_unusable(result.fit, parameters)
+    if result.choice:
+        return why_unusable(result.fit, result.uncertainty.covariance)
+    return why_unusable(result.fit, result.fit.clustering * independent_covariance(result.fit)[1])

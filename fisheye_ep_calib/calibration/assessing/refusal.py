@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.coverage import azimuth_and_distance
-from fisheye_ep_calib.calibration.assessing.uncertainty import Uncertainty
 from fisheye_ep_calib.calibration.estimating.adjustment import adjust
 from fisheye_ep_calib.calibration.estimating.fit import Fit, independent_covariance
 
@@ -23,10 +22,13 @@ _ONE_DISTANCE = 1.4  # farthest over nearest view
 _CENTRE = 0.4  # of the half diagonal
 
 
-def why_unusable(fit: Fit, parameters: Uncertainty) -> str | None:
-    """One line that says why a camera must not be used, what its views lack, and what to do; None where it may be."""
-    names, values = fit.shared_parameters
-    sigma = np.sqrt(np.maximum(np.diag(parameters.covariance)[:2], 0)) / values[:2]
+def why_unusable(fit: Fit, covariance: np.ndarray) -> str | None:
+    """One line that says why a camera must not be used, what its views lack, and what to do; None where it may be.
+
+    covariance: of parameters that begin with fx and fy.
+    """
+    _, values = fit.shared_parameters
+    sigma = np.sqrt(np.maximum(np.diag(covariance)[:2], 0)) / values[:2]
     if (sigma <= LARGEST_SIGMA).all():
         return None
     return _told(fit, f"its standard deviation is {100 * sigma.max():.0f} % of its value")
