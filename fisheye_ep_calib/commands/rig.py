@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     if not 0 <= arguments.tolerance < math.inf:
         raise InputError("--tolerance must not be negative")
-    if arguments.max_moments < 2:
+    if arguments.max_moments is not None and arguments.max_moments < 2:
         raise InputError("--max-moments must be at least 2")
     output, paths = arguments.output, _cameras(arguments.camera)
     names = (RIG, CAMCHAIN, *(f"{OBSERVATIONS}/{name}.npz" for name in paths))
