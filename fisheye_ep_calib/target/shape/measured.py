@@ -134,11 +134,9 @@ class BoardShape:
         """Root mean square of the shifts in the plane once the aspect is taken out: shear, and what is not linear."""
         if not self.frame.planar:
             return 0.0
-        position = self.frame.local(self.object_points)[:, :2]
-        position = position - position.mean(axis=0)
-        moved = self.in_board_axes[:, :2]
-        stretch = (position * moved).sum(axis=0) / np.maximum((position**2).sum(axis=0), 1e-300)
-        return 1e3 * float(np.sqrt(((moved - stretch * position) ** 2).sum(axis=1).mean()))
+        position, stretch = self._stretch
+        left = self.in_board_axes[:, :2] - stretch * position
+        return 1e3 * float(np.sqrt((left**2).sum(axis=1).mean()))
 
     @property
     def bow_mm(self) -> float:
@@ -150,11 +148,18 @@ class BoardShape:
         """By how much the board is longer along its x than along its y, against its file."""
         if not self.frame.planar:
             return 0.0
+        _, stretch = self._stretch
+        return 100 * float(stretch[0] - stretch[1])
+
+    @property
+    def _stretch(self) -> tuple[np.ndarray, np.ndarray]:
+        """The file's points (n, 2) about their mean, metres, and the share (2,) by which the board is longer along x
+        and along y, by least squares.
+        """
         position = self.frame.local(self.object_points)[:, :2]
         position = position - position.mean(axis=0)
-        moved = self.in_board_axes[:, :2]
-        stretch = (position * moved).sum(axis=0) / np.maximum((position**2).sum(axis=0), 1e-300)
-        return 100 * float(stretch[0] - stretch[1])
+        along = (position * self.in_board_axes[:, :2]).sum(axis=0)
+        return position, along / np.maximum((position**2).sum(axis=0), 1e-300)
 
     @property
     def aspect_sigma_percent(self) -> float:
