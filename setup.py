@@ -78,6 +78,7 @@ setup(
         "ros": ROS,
         "test": TEST,
         "video": VIDEO,
+        "web": WEB,
     },
     entry_points={
         "console_scripts": [

@@ -24,7 +24,7 @@ from fisheye_ep_calib.ros.image_intake import ImageIntake
 from fisheye_ep_calib.ros.node_announcer import announcer_of
 from fisheye_ep_calib.ros.parameter_names import with_parameters
 from fisheye_ep_calib.ros.parameter_table import ParameterTable, node_with_what_was_given
-from fisheye_ep_calib.ros.patient_node import PatientNode
+from fisheye_ep_calib.ros.patient_node import PatientNode, VisibleNode
 from fisheye_ep_calib.ros.quality import LATCHED
 from fisheye_ep_calib.ros.rig_transforms import RigTransforms
 from fisheye_ep_calib.ros.status_publisher import StatusPublisher
@@ -42,7 +42,7 @@ class CalibratorNode:
 
     def __init__(self) -> None:
         """Raises InputError for parameters or files that cannot be used."""
-        self.node = node_with_what_was_given("calibrator")
+        self.node: VisibleNode = node_with_what_was_given("calibrator", VisibleNode)
         self._patient = PatientNode(self.node)
         self._live: LiveCalibrator | None = None
         self._page: PageServer | None = None

@@ -70,13 +70,13 @@ OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")  # parameters
 _QUALITIES = "qos_overrides."  # what parameters that change a topic's quality of service begin with
 
 
-def node_with_what_was_given(name: str) -> Node:
+def node_with_what_was_given(name: str, kind: type[Node] = Node) -> Node:
     """A node on which every parameter that was given at the start is declared, known or not, for a ParameterTable.
 
-    Raises InputError.
+    kind: its class. Raises InputError.
     """
     try:
-        return Node(name, automatically_declare_parameters_from_overrides=True)
+        return kind(name, automatically_declare_parameters_from_overrides=True)
     except ValueError as error:  # of an empty list, which has no type; rclpy does not say whose
         raise InputError(f"a parameter has no value: give it one, or leave it out ({first_line(error)})") from None
 

@@ -83,6 +83,16 @@ def test_core_installs_without_ros() -> None:
     assert any(requirement.startswith("ros-jazzy-rclpy") for requirement in requirements)
 
 
+def test_every_extra_that_is_named_somewhere_is_offered() -> None:
+    pages = [REPOSITORY / "README.md", *(REPOSITORY / "docs").glob("*.md")]
+    pages += (REPOSITORY / "fisheye_ep_calib").rglob("*.py")
+    naming = re.compile(r"(?:extra `|'\.|fisheye_ep_calib)\[([a-z]+)\]")
+    named = {name for page in pages for name in naming.findall(page.read_text("utf-8"))}
+    offered = {*importlib.metadata.distribution("fisheye_ep_calib").metadata.get_all("Provides-Extra", [])}
+    assert {"ros", "web"} <= named
+    assert named <= offered, f"{named - offered}: in setup.py? then install anew: make environment"
+
+
 def test_every_folder_of_modules_is_a_package() -> None:
     folders = {module.parent for module in (REPOSITORY / "fisheye_ep_calib").rglob("*.py")}
     assert [str(folder) for folder in folders if not (folder / "__init__.py").is_file()] == []

@@ -77,6 +77,23 @@ def test_an_existing_camera_is_published_from_the_start(start_calibrator, probe,
     assert calibrator.interrupt()[0] == 0
 
 
+def test_services_belong_to_the_visible_node(start_calibrator, probe, tmp_path) -> None:
+    """As ``ros2 node info`` asks: by the node's name. Whatever else the process has is hidden, and offers nothing."""
+    start_calibrator(cameras="[front]", target=TARGET, output_directory=tmp_path, web="false")
+    ours = {f"/calibrator/{name}" for name in ("calibrate", "save", "reset", "commit", "front/reset", "front/commit")}
+
+    def offered(node: str) -> set[str]:
+        known = dict(probe.node.get_node_names_and_namespaces())
+        return (
+            {name for name, _ in probe.node.get_service_names_and_types_by_node(node, "/")} if node in known else set()
+        )
+
+    wait_for(lambda: ours <= offered("calibrator"), "the services")
+    hidden = [name for name in probe.node.get_node_names() if name.startswith("_")]
+    assert hidden == ["_calibrator_services"] and not ours & offered(hidden[0])
+    assert "no view" in probe.call(Trigger, "/calibrator/calibrate").message
+
+
 def test_names_are_remapped_as_image_transport_does(start_calibrator, probe, camera_file) -> None:
     """The base topic is remapped; its transport and its camera_info come beside what that gives."""
     start_calibrator("-r", "/front/image_raw:=/real/cam/image", cameras="[front]", front__camera_file=camera_file,
