@@ -24,7 +24,8 @@ from fisheye_ep_calib.report.comparison import write_comparison
 from fisheye_ep_calib.report.data import ModelCurve
 from fisheye_ep_calib.report.models import angles, pupil_curve
 from fisheye_ep_calib.report.record import now, versions
-from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+from fisheye_ep_calib.storage.camera_file import read_camera_file
+from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
 from fisheye_ep_calib.storage.json_text import json_text
 
 DESCRIPTION = (

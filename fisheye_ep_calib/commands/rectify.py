@@ -26,7 +26,8 @@ from fisheye_ep_calib.rectification import (
     rectified_camera_info,
 )
 from fisheye_ep_calib.storage.atomic import atomic_write
-from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+from fisheye_ep_calib.storage.camera_file import read_camera_file
+from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
 from fisheye_ep_calib.storage.recording import Frame, Recording, choose_topics, open_recording
 from fisheye_ep_calib.storage.results_folder import results_folder
 

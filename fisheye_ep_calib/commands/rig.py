@@ -22,7 +22,8 @@ from fisheye_ep_calib.pipeline.rig_looking import RigSource, rig_sources
 from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.rig import USUAL_TOLERANCE, RigCalibration, RigCamera, calibrate_rig
 from fisheye_ep_calib.storage.atomic import atomic_write
-from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+from fisheye_ep_calib.storage.camera_file import read_camera_file
+from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
 from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
 from fisheye_ep_calib.storage.results_folder import beside

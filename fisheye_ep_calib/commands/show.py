@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fisheye_ep_calib.storage.camera_content import camera_content, fact_in_words
-from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+from fisheye_ep_calib.storage.camera_file import read_camera_file
+from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
 from fisheye_ep_calib.storage.json_text import json_text
 
 DESCRIPTION = "Print a camera file: intrinsics, entrance pupil E(θ) and image radius r(θ) with their 1σ bands."

@@ -23,7 +23,7 @@ from fisheye_ep_calib.calibration.words import Verdict
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
 from fisheye_ep_calib.pipeline.page_of_words import words_html
-from fisheye_ep_calib.storage.camera_file import CameraFile
+from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
 from fisheye_ep_calib.target.shape.measured import BoardShape
 
 if TYPE_CHECKING:

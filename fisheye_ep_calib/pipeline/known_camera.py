@@ -10,7 +10,8 @@ from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
 from fisheye_ep_calib.calibration.content import calibration_content
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.storage.camera_file import CameraFile, read_camera_file
+from fisheye_ep_calib.storage.camera_file import read_camera_file
+from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
 
 AnyCamera = FisheyeCamera | CalibrationResult | CameraFile | str | PathLike[str]
 

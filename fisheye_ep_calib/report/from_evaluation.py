@@ -21,7 +21,7 @@ from fisheye_ep_calib.report.data import (
 from fisheye_ep_calib.report.geometry import coverage_of, residuals_of, views_of
 from fisheye_ep_calib.report.models import angles, lens_curve, parameters_of, pupil_curve
 from fisheye_ep_calib.report.pictures import BUDGET, with_pictures
-from fisheye_ep_calib.storage.camera_file import CameraFile
+from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
 from fisheye_ep_calib.target.shape.measured import BoardShape
 
 

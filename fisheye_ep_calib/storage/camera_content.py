@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.camera.bands import entrance_pupil_band, radius_sigma
-from fisheye_ep_calib.storage.camera_file import CameraFile
+from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
 
 
 def camera_content(file: CameraFile) -> dict[str, Any]:

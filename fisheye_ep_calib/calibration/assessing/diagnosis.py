@@ -20,7 +20,7 @@ from fisheye_ep_calib.calibration.assessing.two_cameras import PARAMETERS, two_c
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
 from fisheye_ep_calib.calibration.assessing.view_changes import changes_found, view_changes
 from fisheye_ep_calib.calibration.estimating.fit import Fit
-from fisheye_ep_calib.calibration.estimating.nuisance_models import joint_linearisation
+from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.camera.parameters import pupil_names
@@ -210,7 +210,7 @@ def _view_changes(fit: Fit) -> tuple[Finding, ...]:
     """Whether the board bent between views, or something moved while the shutter rolled."""
     try:
         return changes_found(
-            view_changes(joint_linearisation(fit)), fit.problem.effects.names if fit.problem.effects else ()
+            view_changes(joint_variances(fit)), fit.problem.effects.names if fit.problem.effects else ()
         )
     except np.linalg.LinAlgError:  # the views leave something open
         return ()

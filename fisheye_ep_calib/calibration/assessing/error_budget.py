@@ -16,7 +16,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.estimating.joint_posterior import LENS_GROUPS
-from fisheye_ep_calib.calibration.estimating.nuisance_models import joint_linearisation
+from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER, VIEW_GROUPS
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
 from fisheye_ep_calib.target.shape.model import GROUPS, ROUGH_GROUPS
@@ -75,15 +75,15 @@ _ADVICE = {
 
 def error_budget(fit: Fit) -> ErrorBudget:
     """Of a fit. Raises numpy.linalg.LinAlgError where the sightings leave something open."""
-    linearisation = joint_linearisation(fit)
-    models = [linearisation.most_likely((*GROUPS, *LENS_GROUPS, *views)) for views in ((FLEX, IN_PLANE), SHUTTER)]
+    found = joint_variances(fit)
+    models = [found.most_likely((*GROUPS, *LENS_GROUPS, *views)) for views in ((FLEX, IN_PLANE), SHUTTER)]
     best = min(range(2), key=lambda index: models[index][1].deviance(models[index][0]))
     # A smooth field that is not there takes part of what single points are off by, were it let.
-    variances, posterior = linearisation.without_needless(*models[best], SMOOTH_GROUPS, _NEEDED)
-    count, unit = linearisation.point_count, fit.sightings.usual_weight
+    variances, posterior = found.without_needless(*models[best], SMOOTH_GROUPS, _NEEDED)
+    count, unit = found.linearisation.point_count, fit.sightings.usual_weight
 
     def share(groups: Sequence[str]) -> float:
-        return float(np.sqrt(linearisation.visible(variances, posterior, groups) / count)) / unit
+        return float(np.sqrt(found.linearisation.visible(variances, posterior, groups) / count)) / unit
 
     return ErrorBudget(
         float(np.sqrt(2)) * variances.noise / unit,
@@ -91,5 +91,5 @@ def error_budget(fit: Fit) -> ErrorBudget:
         share(ROUGH_GROUPS),
         share(LENS_GROUPS),
         share(VIEW_GROUPS),
-        bool(best == 1 and variances.deviation[[linearisation.index(name) for name in SHUTTER]].any()),
+        bool(best == 1 and variances.deviation[[found.index(name) for name in SHUTTER]].any()),
     )

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.finding import Finding
-from fisheye_ep_calib.calibration.estimating.joint_posterior import LENS_GROUPS, JointLinearisation
+from fisheye_ep_calib.calibration.estimating.joint_posterior import LENS_GROUPS
+from fisheye_ep_calib.calibration.estimating.joint_variances import JointVariances
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHIFT, SHUTTER, TURN
 from fisheye_ep_calib.target.shape.model import GROUPS
 
@@ -37,18 +38,18 @@ class ViewChanges:
 _GROUPS = {"board_flexes": (FLEX, IN_PLANE), "rolling_shutter": SHUTTER}
 
 
-def view_changes(linearisation: JointLinearisation) -> ViewChanges:
+def view_changes(found: JointVariances) -> ViewChanges:
     """Raises numpy.linalg.LinAlgError where the sightings leave something open."""
-    still = [linearisation.most_likely(groups) for groups in (GROUPS, (*GROUPS, *LENS_GROUPS))]
+    still = [found.most_likely(groups) for groups in (GROUPS, (*GROUPS, *LENS_GROUPS))]
     least = min(posterior.deviance(variances) for variances, posterior in still)
     gain: dict[str, float] = {}
     deviation: dict[str, float] = {}
     visible: dict[str, float] = {}
     for name, groups in _GROUPS.items():
-        variances, posterior = linearisation.most_likely((*GROUPS, *groups))
+        variances, posterior = found.most_likely((*GROUPS, *groups))
         gain[name] = least - posterior.deviance(variances)
-        deviation |= {group: float(variances.deviation[linearisation.index(group)]) for group in groups}
-        square = linearisation.visible(variances, posterior, groups) / linearisation.point_count
+        deviation |= {group: float(variances.deviation[found.index(group)]) for group in groups}
+        square = found.linearisation.visible(variances, posterior, groups) / found.linearisation.point_count
         visible[name] = float(np.sqrt(square))
     return ViewChanges(gain, deviation, visible)
 

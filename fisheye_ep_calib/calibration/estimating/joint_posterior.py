@@ -9,7 +9,7 @@ solution and its covariance with every choice of variances: one Gauss–Newton s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,20 +22,12 @@ from fisheye_ep_calib.calibration.estimating.shape_posterior import inverse_and_
 from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD, ORDERS
-from fisheye_ep_calib.target.shape.model import (
-    AXIS_GROUP,
-    FIRST_DEVIATIONS,
-    FREE,
-    GROUPS,
-    REVIVED_DEVIATION,
-    free_model,
-)
-from fisheye_ep_calib.target.shape.variances import Posterior, Variances, gains, most_likely
+from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FREE, GROUPS, free_model
+from fisheye_ep_calib.target.shape.variances import Posterior, Variances
 
 LENS_GROUPS = tuple(f"lens order {order}" for order in ORDERS)
 JOINT_GROUPS = (*GROUPS, *VIEW_GROUPS, *LENS_GROUPS)
-_FIRST_VIEW, _FIRST_LENS = len(GROUPS), len(GROUPS) + len(VIEW_GROUPS)
-_TRIED = (1.0, 4.0, 0.3)  # what an effect moves the points by, in σ, where the search for its τ starts
+FIRST_VIEW, FIRST_LENS = len(GROUPS), len(GROUPS) + len(VIEW_GROUPS)
 _GATHERED = 1e-4  # of the mean square: what is less of a lens field's column, the others tell
 
 
@@ -51,14 +43,9 @@ class JointPosterior(Posterior):
 
 
 class JointLinearisation:
-    """Of a problem whose shape, view effects and lens field are all free, at a state.
+    """Of a problem whose shape, view effects and lens field are all free, at a state."""
 
-    near: variances of the shape's groups that are nearly the most likely ones, where they are known.
-    """
-
-    def __init__(
-        self, problem: AdjustmentProblem, state: AdjustmentState, point_count: int, near: Variances | None = None
-    ) -> None:
+    def __init__(self, problem: AdjustmentProblem, state: AdjustmentState, point_count: int) -> None:
         effects, shape = problem.effects, problem.shape
         assert effects is not None
         equations = evaluate(problem, state, penalised=False)
@@ -67,8 +54,7 @@ class JointLinearisation:
         if equations.shape is not None:
             equations = equations.from_flat(state.shape.vector)
         self.point_count = point_count
-        self._near = near
-        self._view_group = _FIRST_VIEW + effects.group
+        self._view_group = FIRST_VIEW + effects.group
         self._smooth_group = shape.group if problem.shape_size else np.zeros(0, int)
         names = np.array(state.camera.parameter_names)[problem.free]
         in_field = np.isin(np.concatenate([names, [""] * problem.bow_size]), LENS_FIELD.coefficient_names)
@@ -79,8 +65,6 @@ class JointLinearisation:
         if len(field):
             self._camera_columns = np.arange(len(in_field) - len(field))
         self.freedom = 2 * point_count - 6 * problem.view_count - len(self._camera_columns)
-        self._found: dict[tuple[str, ...], tuple[Variances, JointPosterior]] = {}
-        self._trials: dict[tuple[bytes, float], JointPosterior] = {}
 
     @property
     def valid(self) -> bool:
@@ -155,91 +139,9 @@ class JointLinearisation:
         group = np.concatenate([smooth, np.tile(AXIS_GROUP[axes], len(shape.rough) * bool(axes.any()))])
         return replace(chosen, pose=chosen.pose[:, own], camera=chosen.camera[shared]), group
 
-    @staticmethod
-    def index(group: str) -> int:
-        """Where a group stands in variances."""
-        return JOINT_GROUPS.index(group)
-
-    def most_likely(self, groups: Iterable[str]) -> tuple[Variances, JointPosterior]:
-        """The variances of some groups and the posterior under them; groups may vanish. Found once."""
-        asked = set(groups) & set(self.available)
-        wanted = tuple(name for name in JOINT_GROUPS if name in asked)
-        if wanted not in self._found:
-            self._found[wanted] = self._search(wanted)
-        return self._found[wanted]
-
-    def without_needless(
-        self, variances: Variances, posterior: JointPosterior, groups: Iterable[str], least_gain: float
-    ) -> tuple[Variances, JointPosterior]:
-        """The most likely variances once those of the groups that gain less than that are left out."""
-        needless = (variances.deviation > 0) & (gains(variances, posterior) < least_gain)
-        needless &= np.isin(JOINT_GROUPS, list(groups))
-        if not needless.any():
-            return variances, posterior
-        deviation = np.where(needless, 0.0, variances.deviation)
-        return self._settled(Variances(deviation, posterior.noise), from_nothing=False)
-
-    def _search(self, wanted: Sequence[str]) -> tuple[Variances, JointPosterior]:
-        """From the best of a few τ of each group of the views, and of the lens field, on top of the rest without them.
-
-        Started all at once, what one group explains may be taken by another, and left there.
-        """
-        own = [[index] for index in map(JOINT_GROUPS.index, wanted) if _FIRST_VIEW <= index < _FIRST_LENS]
-        own += [[index for index in map(JOINT_GROUPS.index, wanted) if index >= _FIRST_LENS]]
-        own = [groups for groups in own if groups]
-        if not own:
-            return self._settled(*self._start(wanted))
-        variances, posterior = self.most_likely([name for name in wanted if name in GROUPS])
-        without = (replace(variances, noise=posterior.noise), posterior)
-        best = min(self._starts(*without, own), key=_deviance)
-        if best[0] is without[0]:
-            return without
-        settled = self._settled(replace(best[0], noise=best[1].noise), from_nothing=False)
-        return min((settled, best), key=_deviance)
-
-    def _starts(
-        self, variances: Variances, posterior: JointPosterior, own: Sequence[Sequence[int]]
-    ) -> Iterator[tuple[Variances, JointPosterior]]:
-        """What is there, and with further groups at a few τ, the best of those before kept."""
-        best = (variances, posterior)
-        yield best
-        for groups in own:
-            trials: list[tuple[Variances, JointPosterior]] = []
-            for size in _TRIED:
-                deviation = best[0].deviation.copy()
-                deviation[groups] = [size * variances.noise / self._effect_of_unit(group) for group in groups]
-                trial = replace(best[0], deviation=deviation)
-                trials.append((trial, self._tried(trial)))
-                if len(trials) == 2 and _deviance(trials[1]) < _deviance(trials[0]):
-                    break  # more is better, and so less is not
-            yield from trials
-            best = min((best, *trials), key=_deviance)
-
-    def _tried(self, variances: Variances) -> JointPosterior:
-        """The posterior under variances from which searches start: several start from the same."""
-        key = variances.deviation.tobytes(), variances.noise
-        if key not in self._trials:
-            self._trials[key] = self(variances)
-        return self._trials[key]
-
-    def _settled(self, start: Variances, from_nothing: bool) -> tuple[Variances, JointPosterior]:
-        variances, posterior = most_likely(self, start, from_nothing)
-        assert isinstance(posterior, JointPosterior)
-        return variances, posterior
-
-    def _start(self, groups: Sequence[str]) -> tuple[Variances, bool]:
-        """Where the search for the variances of groups of the shape begins, and whether that is a mere guess."""
-        deviation = np.zeros(len(JOINT_GROUPS))
-        chosen = [GROUPS.index(name) for name in groups]
-        if chosen and self._near is not None:
-            deviation[chosen] = np.maximum(self._near.deviation[chosen], REVIVED_DEVIATION)
-            return Variances(deviation, self._near.noise), False
-        deviation[chosen] = FIRST_DEVIATIONS[chosen]
-        return Variances(deviation, self(Variances(np.zeros(len(JOINT_GROUPS)), 1.0)).noise), True
-
-    def _effect_of_unit(self, group: int) -> float:
+    def effect_of_unit(self, group: int) -> float:
         """Root mean square, px, of what a coefficient 1 of a group does to the points of all views."""
-        if group >= _FIRST_LENS:
+        if group >= FIRST_LENS:
             return 1.0
         columns = 6 + np.flatnonzero(self._view_group == group)
         square = self._equations.by_view[:, columns, columns].sum(axis=0).mean()
@@ -308,10 +210,7 @@ def linearised_jointly(fit: Fit) -> JointLinearisation:
         structure = replace(structure, board_shape=FREE)
         if not fit.problem.shape_size:
             sightings = replace(sightings, free=free_model(sightings.target, points))
-    near = fit.problem.shape.variances
-    if near is not None and not near.deviation.any():
-        near = None
-    return JointLinearisation(*opened(fit, structure, sightings), sightings.point_count, near)
+    return JointLinearisation(*opened(fit, structure, sightings), sightings.point_count)
 
 
 def seen_points(sightings: Sightings) -> np.ndarray:
@@ -319,10 +218,6 @@ def seen_points(sightings: Sightings) -> np.ndarray:
     observations = sightings.observations
     used = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
     return np.bincount(observations.point_index[used], minlength=len(observations.object_points)) > 0
-
-
-def _deviance(each: tuple[Variances, JointPosterior]) -> float:
-    return each[1].deviance(each[0])
 
 
 def _with_gathered_field(
@@ -345,7 +240,7 @@ def _with_gathered_field(
         part = np.zeros((len(field), int(kept.sum())))
         part[own] = scale[:, None] * vectors[:, kept] * np.sqrt(points / values[kept])
         mixing.append(part)
-        group += [_FIRST_LENS + index] * part.shape[1]
+        group += [FIRST_LENS + index] * part.shape[1]
     size, shared = equations.view_size, len(equations.shared)
     rest = np.setdiff1d(np.arange(shared), field)
     turn = np.zeros((shared, len(rest) + len(group)))

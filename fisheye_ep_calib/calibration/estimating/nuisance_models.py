@@ -8,17 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.fit import Fit
-from fisheye_ep_calib.calibration.estimating.joint_posterior import (
-    JOINT_GROUPS,
-    LENS_GROUPS,
-    JointLinearisation,
-    linearised_jointly,
-)
+from fisheye_ep_calib.calibration.estimating.joint_posterior import JOINT_GROUPS, LENS_GROUPS
+from fisheye_ep_calib.calibration.estimating.joint_variances import JointVariances, joint_variances
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER
 from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.target.shape.model import GROUPS
@@ -29,9 +24,6 @@ NUISANCES: Mapping[str, tuple[str, ...]] = {
     "flex and in-plane change": (*GROUPS, FLEX, IN_PLANE),
     "rolling shutter": (*GROUPS, *SHUTTER),
 }
-
-
-_KEPT = "joint_linearisation"
 
 
 @dataclass(frozen=True)
@@ -51,31 +43,20 @@ class NuisanceModel:
     variances: Mapping[str, float]
 
 
-def joint_linearisation(fit: Fit) -> JointLinearisation:
-    """At a fit, whatever of shape, views and lens field it has: all of them free. It is kept with the fit."""
-    kept: dict[str, Any] = vars(fit)
-    if _KEPT not in kept:
-        kept[_KEPT] = linearised_jointly(fit)
-    linearisation: JointLinearisation = kept[_KEPT]
-    return linearisation
-
-
 def nuisance_models(fit: Fit, angles: np.ndarray) -> tuple[NuisanceModel, ...]:
     """The models of ``NUISANCES``, E at angles (A,) rad.
 
     Raises numpy.linalg.LinAlgError where the sightings leave something open.
     """
-    linearisation = joint_linearisation(fit)
-    return tuple(_model(fit, angles, linearisation, name, groups) for name, groups in NUISANCES.items())
+    found = joint_variances(fit)
+    return tuple(_model(fit, angles, found, name, groups) for name, groups in NUISANCES.items())
 
 
-def _model(
-    fit: Fit, angles: np.ndarray, linearisation: JointLinearisation, name: str, groups: Sequence[str]
-) -> NuisanceModel:
-    variances, posterior = linearisation.most_likely(groups)
+def _model(fit: Fit, angles: np.ndarray, found: JointVariances, name: str, groups: Sequence[str]) -> NuisanceModel:
+    variances, posterior = found.most_likely(groups)
     camera = fit.state.camera
     names = pupil_names(len(camera.coefficients))
-    own = [linearisation.camera_names.index(each) for each in names]
+    own = [found.linearisation.camera_names.index(each) for each in names]
     basis = camera.pupil_family.basis(np.asarray(angles, float), len(names)).reshape(len(names), -1)
     pupil = (camera.coefficients_array + posterior.change[own]) @ basis
     variance = np.einsum("ka,kl,la->a", basis, posterior.camera[np.ix_(own, own)], basis)

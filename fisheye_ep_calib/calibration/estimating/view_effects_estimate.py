@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.fit import Fit, refine
-from fisheye_ep_calib.calibration.estimating.joint_posterior import linearised_jointly, seen_points
+from fisheye_ep_calib.calibration.estimating.joint_posterior import seen_points
+from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
 from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
 from fisheye_ep_calib.target.shape.model import GROUPS
@@ -23,10 +24,10 @@ def with_view_effects(fit: Fit, groups: Sequence[str]) -> Fit:
     Without them where the data say nothing of any.
     """
     for _ in range(_ROUNDS):
-        linearisation = linearised_jointly(fit)
+        found = joint_variances(fit)
         shape = GROUPS if fit.problem.shape_size else ()
-        variances, posterior = linearisation.most_likely((*shape, *groups))
-        tau = variances.deviation[[linearisation.index(name) for name in VIEW_GROUPS]]
+        variances, posterior = found.most_likely((*shape, *groups))
+        tau = variances.deviation[[found.index(name) for name in VIEW_GROUPS]]
         kept = [name for name, each in zip(VIEW_GROUPS, tau, strict=True) if each > 0]
         if not kept:
             return refine(fit, fit.structure, replace(fit.sightings, effects=None))

@@ -7,7 +7,7 @@ from changing_boards import seen_changing
 
 from fisheye_ep_calib.calibration.assessing.view_changes import changes_found, view_changes
 from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
-from fisheye_ep_calib.calibration.estimating.nuisance_models import joint_linearisation
+from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 
@@ -19,7 +19,7 @@ CHANGES = {
 
 def findings(**changes) -> dict:
     fit = refine(first_fit(prepare(seen_changing(**changes))), Structure("ep_even"))
-    return {each.name: each for each in changes_found(view_changes(joint_linearisation(fit)))}
+    return {each.name: each for each in changes_found(view_changes(joint_variances(fit)))}
 
 
 @pytest.mark.parametrize("seed", [11, 12])

@@ -11,8 +11,8 @@ from bent_boards import seen_bent
 from fisheye_ep_calib.calibration.estimating.adjustment import evaluate, residuals, stepped
 from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
 from fisheye_ep_calib.calibration.estimating.joint_posterior import JOINT_GROUPS
+from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.calibration.estimating.normal_equations import Step
-from fisheye_ep_calib.calibration.estimating.nuisance_models import joint_linearisation
 from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
 from fisheye_ep_calib.calibration.structure import Structure
@@ -81,7 +81,7 @@ def test_the_joint_posterior_is_that_of_all_residuals_at_once(views) -> None:
     """Against ordinary least squares with the columns of every unknown found by differences."""
     sightings = prepare(seen_bent("wave", 2e-4, views=views, noise=0.3)[0])
     fit = refine(first_fit(sightings), Structure("ep_even"))
-    linearisation = joint_linearisation(fit)
+    linearisation = joint_variances(fit).linearisation
     unit = {name: 1.0 if name.startswith("lens") else 1e-4 for name in JOINT_GROUPS}
     kept = ("z2", "xy1", "rough z", *VIEW_GROUPS, "lens order 1")
     variances = Variances(np.array([unit[name] * (name in kept) for name in JOINT_GROUPS]), 0.3)
