@@ -33,6 +33,8 @@ from fisheye_ep_calib.rotation import vector_from_rotation
 
 _TERMS = 3  # e0, e1, e2
 _FITTED = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
+# What a camera was calibrated from, beside it in the file: megabytes in base85, which has no quotes and no backslashes.
+_INPUTS = re.compile(r"(['\"]optimization_inputs['\"]\s*:\s*)b(['\"])[^'\"\\\s]*\2")
 _MODEL = re.compile(r"LENSMODEL_(PINHOLE|STEREOGRAPHIC|OPENCV(?:4|5|8|12)|CAHVOR|CAHVORE_linearity=(\S+))")
 
 
@@ -94,6 +96,11 @@ def _text(placed: PlacedCamera, camera: FisheyeCamera, words: tuple[str, ...]) -
     return "\n".join(lines) + "\n"
 
 
+def without_inputs(text: str) -> str:
+    """The text of a cameramodel without its ``optimization_inputs``; any other text as it is."""
+    return _INPUTS.sub(r"\1None", text, count=1)
+
+
 def recognises(text: str) -> bool:
     return "LENSMODEL_" in text and "imagersize" in text
 
@@ -109,7 +116,8 @@ def read(text: str) -> list[ForeignCamera]:
     match = _MODEL.fullmatch(model)
     if not match:
         raise InputError(
-            f"{model[:80]} is not known here; known: PINHOLE, STEREOGRAPHIC, OPENCV4 to 12, CAHVOR, CAHVORE"
+            f"{model[:80]} is not known here; known: PINHOLE, STEREOGRAPHIC, OPENCV4 to 12, CAHVOR, CAHVORE; "
+            "mrcal-convert-lensmodel makes one of those of it"
         )
     width, height = content["imagersize"]
     size = checked_size(int(width), int(height))

@@ -76,7 +76,9 @@ def _sentence(level: str, rms: float, expected: float | None) -> str:
     than = "" if expected is None else f", {expected:.2f} px expected"
     if level == BAD:
         return f"the calibration no longer holds: {rms:.2f} px{than}"
-    if expected is not None and rms > _LESS_WELL * expected:
+    if expected is None:
+        return f"the calibration leaves {rms:.2f} px; what is to be expected its file does not tell"
+    if rms > _LESS_WELL * expected:
         return f"the calibration holds less well than it did: {rms:.2f} px{than}"
     return f"the calibration holds: {rms:.2f} px{than}"
 

@@ -17,12 +17,10 @@ from fisheye_ep_calib.camera.bands import entrance_pupil_band
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, plain_camera_info
 from fisheye_ep_calib.camera.directions import direction
 from fisheye_ep_calib.live.advice import GOAL_ANGLE, Advice, advise
-from fisheye_ep_calib.outside import read_text_outside
 from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight
 from fisheye_ep_calib.planning.guidance import Suggestion
-from fisheye_ep_calib.storage.camera_file import camera_yaml, read_camera_file
+from fisheye_ep_calib.storage.camera_file import camera_text, camera_yaml, read_camera_file
 from fisheye_ep_calib.target.shape.measured import BoardShape
-from fisheye_ep_calib.yaml_file import MOST_BYTES
 
 PUPIL_ANGLES = (30, 60, 80)  # degrees at which E(θ) and its band are told
 # What is told of a calibration, by the names that every JSON of the package has for it (calibration/content.py).
@@ -111,14 +109,14 @@ def calibrate_views(
 
 
 def outcome_of_file(path: Path) -> Outcome:
-    """An existing camera file, to publish as it is. Raises InputError."""
+    """An existing camera file, to publish as it is; another program's as a file of this package. Raises InputError."""
     file = read_camera_file(path)
     facts = {name: file.calibration[name] for name in TOLD if name in file.calibration}
     figures = {"model": file.camera.model, "camera_file": str(path), **facts, **_curves(file.camera, file.covariance)}
     return Outcome(
         camera=file.camera,
         stand_in=file.stand_in,
-        yaml=read_text_outside(path, MOST_BYTES, "camera"),
+        yaml=camera_yaml(file.camera, file.name) if file.origin else camera_text(path),
         info=plain_camera_info(file.stand_in),
         figures=figures,
         covariance=file.covariance,

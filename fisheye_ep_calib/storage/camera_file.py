@@ -21,6 +21,7 @@ from fisheye_ep_calib.camera.limits import refuse_absurd
 from fisheye_ep_calib.camera.parameters import PIXEL_NAMES
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.formats import Format
+from fisheye_ep_calib.formats.mrcal import without_inputs
 from fisheye_ep_calib.formats.reading import origin, read_foreign, recognised, stand_in_of
 from fisheye_ep_calib.outside import read_text_outside
 from fisheye_ep_calib.plain_text import one_line
@@ -32,6 +33,8 @@ from fisheye_ep_calib.yaml_file import MOST_BYTES, parse_yaml
 
 if TYPE_CHECKING:  # the command show is to answer without what calibrates
     from fisheye_ep_calib.calibration.result import CalibrationResult
+
+_MOST_WITH_INPUTS = 1 << 26  # bytes; a thousand views of a thousand corners are a third of it
 
 
 def save_camera(
@@ -164,7 +167,7 @@ def read_camera_file(path: str | PathLike[str]) -> CameraFile:
     "camchain.yaml:cam1". Raises InputError with the file's name and what is wrong with it.
     """
     path, chosen = _camera_in_file(Path(path))
-    text = read_text_outside(path, MOST_BYTES, "camera")
+    text = camera_text(path)
     try:
         foreign = recognised(text)
         if foreign is None and chosen:
@@ -178,6 +181,19 @@ def read_camera_file(path: str | PathLike[str]) -> CameraFile:
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else first_line(error)
         raise InputError(f"{path} is not a camera file: {what}") from None
+
+
+def camera_text(path: Path) -> str:
+    """The text of a camera file; of one of mrcal's without the many megabytes that it was calibrated from.
+
+    Raises InputError.
+    """
+    text = read_text_outside(path, _MOST_WITH_INPUTS, "camera")
+    if len(text) > MOST_BYTES:
+        text = without_inputs(text)
+    if len(text) > MOST_BYTES:
+        raise InputError(f"{one_line(path)}: too large for a camera file, at most {MOST_BYTES} bytes")
+    return text
 
 
 def _camera_in_file(path: Path) -> tuple[Path, str]:

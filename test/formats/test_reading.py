@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -210,6 +211,18 @@ def test_the_other_commands_take_it_too(theirs, command, tmp_path) -> None:
     ended = command("rectify", path, "image.png", "--output", "out", "--size", "64x48", "--svp")
     assert ended.code == 0, ended.err
     assert evaluate(path, seen(camera, BOARD.object_points, poses_of(6, 1, 40.0), 0.0)).rms_px < 1e-3
+
+
+def test_what_mrcal_calibrated_from_may_be_many_megabytes(tmp_path, command) -> None:
+    """As mrcal writes it: an .npz in base85, as bytes of Python."""
+    inputs = base64.b85encode(np.random.default_rng(1).bytes(4 << 20))
+    text = mrcal("LENSMODEL_OPENCV8", [*GRID, *RATIONAL])
+    (tmp_path / "large.cameramodel").write_text(text.replace("}", f" 'optimization_inputs': {inputs!r},\n}}"))
+    (tmp_path / "small.cameramodel").write_text(text)
+    assert load_camera(tmp_path / "large.cameramodel") == load_camera(tmp_path / "small.cameramodel")
+    assert command("show", "large.cameramodel").code == 0
+    (tmp_path / "other.cameramodel").write_text(text.replace("}", f" 'notes': {inputs!r},\n}}"))
+    command("show", "other.cameramodel").refused(2, "other.cameramodel", "too large for a camera file")
 
 
 HOSTILE = {

@@ -12,16 +12,18 @@ from bent_boards import bent
 from known_scenes import BOARD, CAMERA, poses_of, seen
 
 from fisheye_ep_calib.calibration import calibrate
-from fisheye_ep_calib.calibration.words import BAD, GOOD
+from fisheye_ep_calib.calibration.words import BAD, CAUTION, GOOD
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.formats import FORMATS
 from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.camera_views import Verdict
 from fisheye_ep_calib.live.check import WINDOW, Check, check_views
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.live.outcome import Outcome, outcome_of_file
 from fisheye_ep_calib.live.work_pool import Task
+from fisheye_ep_calib.pipeline.exporting import export
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_target, random_poses
-from fisheye_ep_calib.storage.camera_file import save_camera
+from fisheye_ep_calib.storage.camera_file import load_camera, save_camera
 from fisheye_ep_calib.target import Detection
 
 TARGET = paper_target()
@@ -132,6 +134,29 @@ def test_a_good_check_has_nothing_to_regret(known: Outcome) -> None:
     observed = observe(paper_camera(), TARGET, random_poses(TARGET, 20, 3, theta_deg=(0, 60)), NOISE, 3)
     result = check_views(observed, known)
     assert result.level == GOOD or result.figures["concerns"]
+
+
+READ = [name for name, format in FORMATS.items() if format.read is not None]
+
+
+@pytest.mark.parametrize("name", READ)
+def test_a_camera_of_another_program_is_published_and_checked(name, tmp_path) -> None:
+    """As this package's file; of a camera with one viewpoint, which each of these programs has."""
+    central = replace(CAMERA, model="kannala", coefficients=(), skew=0.0)
+    path = tmp_path / "theirs.yaml"
+    export(central, name, path)
+    known = outcome_of_file(path)
+    (tmp_path / "told.yaml").write_text(known.yaml)
+    told = load_camera(tmp_path / "told.yaml")
+    views = seen(central, BOARD.object_points, poses_of(12, 5, 50.0), 0.1)
+    points = views.object_points + [0.0, 0.0, 0.3]
+    assert np.abs(told.project(points)[0] - central.project(points)[0]).max() < 0.25  # mrcal's lens has fewer terms
+    holds = check_views(views, known)
+    assert 0.1 < holds.figures["rms_px"] < 0.16
+    assert holds.level == CAUTION and "what is to be expected its file does not tell" in holds.sentence
+    moved = replace(central, fx=0.8 * central.fx, fy=0.8 * central.fy)
+    wrong = check_views(seen(moved, BOARD.object_points, poses_of(12, 5), 0.1), known)
+    assert wrong.figures["rms_px"] > 5 * holds.figures["rms_px"] and wrong.level != GOOD
 
 
 def test_another_board_of_the_same_file_is_no_fault_of_the_camera(known: Outcome) -> None:
