@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 PROGRAM = "fisheye_ep_calib"
 _INTERRUPTED = 130
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,6 +37,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         words = sys.argv[1:] if arguments is None else list(arguments)
         if "_ARGCOMPLETE" in os.environ:  # a shell asks, by argcomplete, what may come next
             return _complete()
+        _calculate_in_one_thread()
         parser = _parser(words)
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):
@@ -54,6 +56,16 @@ def _main(arguments: Sequence[str] | None) -> int:
         return _fail(f"{error.filename or ''}: {error.strerror or error}".lstrip(": "), 1)
     except MemoryError:
         return _fail("out of memory", 1)
+
+
+def _calculate_in_one_thread() -> None:
+    """Unless the user has said how many: before NumPy is loaded, which then reads it.
+
+    Matrices are small here, so that further threads wait for each other and take processor time for it; and sums of one
+    thread have one order on all machines.
+    """
+    if not any(name in os.environ for name in _THREADS):
+        os.environ.update(dict.fromkeys(_THREADS, "1"))
 
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:

@@ -49,6 +49,18 @@ def test_arguments_are_known_without_what_the_work_takes(command):
     assert ended == 0 and packages & NOT_FOR_ARGUMENTS == set()
 
 
+@pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({"OMP_NUM_THREADS": "3"}, None)])
+def test_a_command_calculates_in_one_thread_unless_told_otherwise(given, expected):
+    script = (
+        "import os, sys; from fisheye_ep_calib.cli import main; main(['show', '-']); print(os.environ.get(sys.argv[1]))"
+    )
+    clean = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    ended = subprocess.run(
+        [sys.executable, "-c", script, "OPENBLAS_NUM_THREADS"], env=clean | given, capture_output=True, text=True
+    )
+    assert ended.stdout.split()[-1] == str(expected)
+
+
 def completed(line: str, tmp_path) -> set[str]:
     """What argcomplete's protocol answers to Tab at the end of the line; nothing may be printed beside it."""
     answer = tmp_path / "answer"

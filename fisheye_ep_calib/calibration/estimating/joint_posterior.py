@@ -17,13 +17,12 @@ import numpy as np
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
 from fisheye_ep_calib.calibration.estimating.fit import Fit, opened
 from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
-from fisheye_ep_calib.calibration.estimating.shape_equations import ShapeEquations, block_system, solve_scaled
-from fisheye_ep_calib.calibration.estimating.shape_posterior import inverse_and_log_determinant
+from fisheye_ep_calib.calibration.estimating.shape_equations import Factored, ShapeEquations, block_system, solve_scaled
 from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD, ORDERS
 from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FREE, GROUPS, free_model
-from fisheye_ep_calib.target.shape.variances import Posterior, Variances
+from fisheye_ep_calib.target.shape.variances import Likelihood, Posterior, Variances
 
 LENS_GROUPS = tuple(f"lens order {order}" for order in ORDERS)
 JOINT_GROUPS = (*GROUPS, *VIEW_GROUPS, *LENS_GROUPS)
@@ -80,6 +79,35 @@ class JointLinearisation:
 
     def __call__(self, variances: Variances) -> JointPosterior:
         """Raises numpy.linalg.LinAlgError where the sightings leave something open."""
+        solution, kinds, likelihood = self._solved(variances)
+        first = len(self._camera_columns)
+        parts = [
+            (
+                solved["smooth"],
+                solved["rough"],
+                solved["pose"].reshape(len(self._equations.pose), -1)[:, 6:].reshape(-1),
+                solved["camera"][first:],
+            )
+            for solved in (solution.step, solution.variance)
+        ]
+        return JointPosterior(
+            likelihood.group,
+            likelihood.objective,
+            likelihood.log_determinant,
+            likelihood.freedom,
+            np.concatenate(parts[0]),
+            np.concatenate(parts[1]),
+            solution.step["camera"][:first],
+            solution.camera[:first, :first],
+            kinds,
+        )
+
+    def likelihood(self, variances: Variances) -> Likelihood:
+        """That of the posterior, at a third of its cost. Raises numpy.linalg.LinAlgError like it."""
+        return self._solved(variances)[2]
+
+    def _solved(self, variances: Variances) -> tuple[Factored, tuple[int, int, int], Likelihood]:
+        """The normal equations under these variances, factored; kinds of coefficients; the likelihood."""
         used, penalties = variances.deviation > 0, variances.penalties
         equations = self._equations
         views = np.flatnonzero(used[self._view_group])
@@ -100,29 +128,11 @@ class JointLinearisation:
             "rough": shape.gradient[shape.smooth_size :],
         }
         mixed = equations.mixed[:, own[:, None], shared]
-        solution = block_system(pose, mixed, camera, shape).inverted(gradient, inverse_and_log_determinant)
-        step, variance = solution.step, solution.variance
-        parts = [
-            (
-                solved["smooth"],
-                solved["rough"],
-                solved["pose"].reshape(-1, len(own))[:, 6:].reshape(-1),
-                solved["camera"][first:],
-            )
-            for solved in (step, variance)
-        ]
+        solution = block_system(pose, mixed, camera, shape).factored(gradient)
         group = np.concatenate([shape_group, np.tile(view_group, len(pose)), lens_group])
-        return JointPosterior(
-            group,
-            np.concatenate(parts[0]),
-            np.concatenate(parts[1]),
-            2 * equations.cost - solution.decrease,
-            solution.log_determinant,
-            self.freedom,
-            step["camera"][:first],
-            solution.camera[:first, :first],
-            (len(shape_group), len(view_group) * len(pose), len(lens_group)),
-        )
+        kinds = (len(shape_group), len(view_group) * len(pose), len(lens_group))
+        objective = 2 * equations.cost - solution.decrease
+        return solution, kinds, Likelihood(group, objective, solution.log_determinant, self.freedom)
 
     def _chosen_shape(self, used: np.ndarray, own: np.ndarray, shared: np.ndarray) -> tuple[ShapeEquations, np.ndarray]:
         """The shape's equations of the groups in use, with some of the views' and shared columns; their groups (K,)."""

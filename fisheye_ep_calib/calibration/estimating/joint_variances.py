@@ -22,7 +22,7 @@ from fisheye_ep_calib.calibration.estimating.joint_posterior import (
     linearised_jointly,
 )
 from fisheye_ep_calib.target.shape.model import FIRST_DEVIATIONS, GROUPS, REVIVED_DEVIATION
-from fisheye_ep_calib.target.shape.variances import Variances, gains, most_likely
+from fisheye_ep_calib.target.shape.variances import Likelihood, Variances, gains, most_likely
 
 _TRIED = (1.0, 4.0, 0.3)  # what an effect moves the points by, in σ, where the search for its τ starts
 _KEPT = "joint_variances"
@@ -38,7 +38,7 @@ class JointVariances:
         self.linearisation = linearisation
         self._near = near
         self._found: dict[tuple[str, ...], tuple[Variances, JointPosterior]] = {}
-        self._trials: dict[tuple[bytes, float], JointPosterior] = {}
+        self._trials: dict[tuple[bytes, float], Likelihood] = {}
 
     @staticmethod
     def index(group: str) -> int:
@@ -76,20 +76,20 @@ class JointVariances:
             return self._settled(*self._start(wanted))
         variances, posterior = self.most_likely([name for name in wanted if name in GROUPS])
         without = (replace(variances, noise=posterior.noise), posterior)
-        best = min(self._starts(*without, own), key=_deviance)
-        if best[0] is without[0]:
+        best, likelihood = min(self._starts(*without, own), key=_deviance)
+        if best is without[0]:
             return without
-        settled = self._settled(replace(best[0], noise=best[1].noise), from_nothing=False)
-        return min((settled, best), key=_deviance)
+        settled = self._settled(replace(best, noise=likelihood.noise), from_nothing=False)
+        return settled if _deviance(settled) <= likelihood.deviance(best) else (best, self.linearisation(best))
 
     def _starts(
-        self, variances: Variances, posterior: JointPosterior, own: Sequence[Sequence[int]]
-    ) -> Iterator[tuple[Variances, JointPosterior]]:
+        self, variances: Variances, likelihood: Likelihood, own: Sequence[Sequence[int]]
+    ) -> Iterator[tuple[Variances, Likelihood]]:
         """What is there, and with further groups at a few τ, the best of those before kept."""
-        best = (variances, posterior)
+        best = (variances, likelihood)
         yield best
         for groups in own:
-            trials: list[tuple[Variances, JointPosterior]] = []
+            trials: list[tuple[Variances, Likelihood]] = []
             for size in _TRIED:
                 deviation = best[0].deviation.copy()
                 unit = [self.linearisation.effect_of_unit(group) for group in groups]
@@ -101,11 +101,11 @@ class JointVariances:
             yield from trials
             best = min((best, *trials), key=_deviance)
 
-    def _tried(self, variances: Variances) -> JointPosterior:
-        """The posterior under variances from which searches start: several start from the same."""
+    def _tried(self, variances: Variances) -> Likelihood:
+        """The likelihood of variances from which searches start: several start from the same."""
         key = variances.deviation.tobytes(), variances.noise
         if key not in self._trials:
-            self._trials[key] = self.linearisation(variances)
+            self._trials[key] = self.linearisation.likelihood(variances)
         return self._trials[key]
 
     def _settled(self, start: Variances, from_nothing: bool) -> tuple[Variances, JointPosterior]:
@@ -121,7 +121,9 @@ class JointVariances:
             deviation[chosen] = np.maximum(self._near.deviation[chosen], REVIVED_DEVIATION)
             return Variances(deviation, self._near.noise), False
         deviation[chosen] = FIRST_DEVIATIONS[chosen]
-        return Variances(deviation, self.linearisation(Variances(np.zeros(len(JOINT_GROUPS)), 1.0)).noise), True
+        return Variances(
+            deviation, self.linearisation.likelihood(Variances(np.zeros(len(JOINT_GROUPS)), 1.0)).noise
+        ), True
 
 
 def joint_variances(fit: Fit) -> JointVariances:
@@ -135,5 +137,5 @@ def joint_variances(fit: Fit) -> JointVariances:
     return variances
 
 
-def _deviance(each: tuple[Variances, JointPosterior]) -> float:
+def _deviance(each: tuple[Variances, Likelihood]) -> float:
     return each[1].deviance(each[0])

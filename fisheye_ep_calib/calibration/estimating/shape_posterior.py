@@ -45,7 +45,7 @@ class Linearisation:
         else:
             solved = self._with_poses_first(kept, chosen, penalty)
         value, variance, log_determinant, decrease = solved
-        return Posterior(group, value, variance, 2 * equations.cost - decrease, log_determinant, self._freedom)
+        return Posterior(group, 2 * equations.cost - decrease, log_determinant, self._freedom, value, variance)
 
     def shift_variance(self, variances: Variances) -> np.ndarray:
         """Variance (n, 3) of every point's shift in the target frame, in units of σ²: m²/px².

@@ -55,16 +55,13 @@ class Variances:
 
 
 @dataclass(frozen=True)
-class Posterior:
-    """The shape under given variances.
+class Likelihood:
+    """Of given variances.
 
-    group (K,): of each coefficient that is there. value (K,): a, metres. variance (K,): S_kk, m²/px². objective: F,
-    px². log_determinant: of H + P. freedom: ν.
+    group (K,): of each coefficient that is there. objective: F, px². log_determinant: of H + P. freedom: ν.
     """
 
     group: np.ndarray
-    value: np.ndarray
-    variance: np.ndarray
     objective: float
     log_determinant: float
     freedom: int
@@ -73,16 +70,24 @@ class Posterior:
     def noise(self) -> float:
         return float(np.sqrt(max(self.objective, 1e-300) / self.freedom))
 
-    def determined(self, variances: Variances) -> np.ndarray:
-        """γ_k (K,): the share of each coefficient that the data determine."""
-        shares: FloatArray = np.clip(1 - self.variance * variances.penalties[self.group], 1e-12, 1.0)
-        return shares
-
     def deviance(self, variances: Variances) -> float:
         """−2 log-likelihood, up to a constant of the data."""
         square = variances.noise**2
         prior = float(np.log(variances.penalties[self.group]).sum())
         return self.objective / square + self.log_determinant + self.freedom * float(np.log(square)) - prior
+
+
+@dataclass(frozen=True)
+class Posterior(Likelihood):
+    """The shape under given variances. value (K,): a, metres. variance (K,): S_kk, m²/px²."""
+
+    value: np.ndarray
+    variance: np.ndarray
+
+    def determined(self, variances: Variances) -> np.ndarray:
+        """γ_k (K,): the share of each coefficient that the data determine."""
+        shares: FloatArray = np.clip(1 - self.variance * variances.penalties[self.group], 1e-12, 1.0)
+        return shares
 
 
 PosteriorOf = Callable[[Variances], Posterior]

@@ -48,7 +48,7 @@ def somewhere(name: str, groups: tuple[str, ...] = GROUPS) -> Fit:
     fit = refine(first_fit(sightings), replace(STRUCTURE, board_shape="flat"))
     space = free_model(sightings.target, np.ones(len(sightings.target.nominal), bool))
     variances = Variances(np.array([5e-5 * (name in groups) for name in GROUPS]), 0.3)
-    nothing = Posterior(np.zeros(0, int), np.zeros(0), np.zeros(0), 1.0, 0.0, 1)
+    nothing = Posterior(np.zeros(0, int), 1.0, 0.0, 1, np.zeros(0), np.zeros(0))
     free = with_variances(space, variances, nothing)
     sightings = replace(sightings, free=free)
     fit = refine(fit, STRUCTURE, sightings, tolerance=1e-2)

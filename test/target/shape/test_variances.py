@@ -30,7 +30,7 @@ class LinearProblem:
         value = inverse @ columns.T @ self.data
         objective = float(self.data @ self.data - value @ matrix @ value)
         log_determinant = float(np.linalg.slogdet(matrix)[1])
-        return Posterior(GROUP[there], value[8:], np.diag(inverse)[8:], objective, log_determinant, 400 - 8)
+        return Posterior(GROUP[there], objective, log_determinant, 400 - 8, value[8:], np.diag(inverse)[8:])
 
     def deviance(self, variances: Variances) -> float:
         """−2 log of the restricted likelihood from the covariance of the data themselves, up to a constant."""
