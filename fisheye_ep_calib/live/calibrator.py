@@ -280,8 +280,11 @@ class LiveCalibrator:
                 self._tell_kept(camera, partner.view.name, f"kept for the rig, {len(partner.view.pixels)} points")
 
     def _tell_kept(self, camera: LiveCamera, frame_name: str, how: str) -> None:
+        number = camera.views.number_of(frame_name)  # by name: another worker may have added one since
+        if not number:
+            return
         where = ", in memory only" if camera.views.unwritten else ""
-        self._announcer.info(f"{camera.name}: view {len(camera.views.kept)} {how}{where}")
+        self._announcer.info(f"{camera.name}: view {number} {how}{where}")
         self._images.keep(camera.name, frame_name)
 
     def _tell_other_size(self, views: CameraViews, sighting: Sighting) -> None:

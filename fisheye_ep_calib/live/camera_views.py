@@ -67,6 +67,10 @@ class CameraViews:
     def kept(self) -> tuple[View, ...]:
         return self._store.views
 
+    def number_of(self, name: str) -> int:
+        """Which view that is, counted from 1; 0 where it was forgotten meanwhile."""
+        return next((number for number, view in enumerate(self.kept, 1) if view.name == name), 0)
+
     @property
     def file(self) -> Path:
         """The observation file."""

@@ -41,6 +41,13 @@ def wait_until_quiet(program: Program, seconds: float = 3.0) -> None:
         time.sleep(0.1)
 
 
+@pytest.fixture
+def network_only(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process killed within Fast DDS's shared memory may leave a port that its peers go on writing to unheard."""
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE")
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+
+
 def kill_and_resume(times: int, start_calibrator, start_publisher, probe, rendered, folder: Path) -> None:
     rng = random.Random(times)
     parameters = {
@@ -49,25 +56,29 @@ def kill_and_resume(times: int, start_calibrator, start_publisher, probe, render
         "output_directory": folder,
         "model": "ep_odd",
         "minimum_views": 5,
-        "maximum_views": 40,
+        "maximum_views": 1000,
+        "front__transport": "compressed",
         **EVERY_VIEW,
     }
-    publisher = start_publisher(rendered, 10, "/front/image_raw")
+    publisher = start_publisher(rendered, 10, "--compressed", "/front/image_raw/compressed")
     reported = 0
-    for _ in range(times):
+    for turn in range(times):
         calibrator = start_calibrator(**parameters)
         calibrator.wait_to_say("receiving")
-        time.sleep(rng.uniform(0.2, 1.5))
+        if turn % 2 == 0:  # every other one after it has reported something
+            calibrator.wait_to_say("kept")
+        time.sleep(rng.uniform(0.0, 1.0))
         calibrator.interrupt(signal.SIGKILL)
         assert kept(calibrator.output) >= reported, calibrator.output
         reported = kept(calibrator.output)
         if reported:
             observations = Observations.load(folder / "front.npz")
-            assert reported <= observations.view_count <= reported + 1
+            assert reported <= observations.view_count <= reported + 2  # two workers may be about to report
         if (folder / "front.yaml").exists():
             load_camera(folder / "front.yaml")
     calibrator = start_calibrator(**parameters)
-    wait_for(lambda: kept(calibrator.output) >= 10, "ten views")
+    assert reported >= times / 2
+    wait_for(lambda: kept(calibrator.output) >= reported + 3, "three views more")
     publisher.end()
     wait_until_quiet(calibrator)
     answer = probe.call(Trigger, "/calibrator/calibrate")
@@ -80,7 +91,7 @@ def kill_and_resume(times: int, start_calibrator, start_publisher, probe, render
     np.testing.assert_allclose(camera.parameters, undisturbed.camera.parameters, rtol=1e-9)
 
 
-def test_killed_three_times(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
+def test_killed_three_times(network_only, start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
     kill_and_resume(3, start_calibrator, start_publisher, probe, rendered, tmp_path)
 
 
@@ -174,5 +185,5 @@ def test_ten_calls_at_once_are_one_calibration_and_one_camera_is_reset(
 
 
 @pytest.mark.slow
-def test_killed_twenty_times(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
+def test_killed_twenty_times(network_only, start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
     kill_and_resume(20, start_calibrator, start_publisher, probe, rendered, tmp_path)
