@@ -4,7 +4,8 @@ from fisheye_ep_calib.simulation.bag import StampedImage, write_bag
 from fisheye_ep_calib.simulation.clutter import clutter_image
 from fisheye_ep_calib.simulation.evaluation_set import EvaluationView, evaluation_set
 from fisheye_ep_calib.simulation.poses import look_pose, paper_poses, random_poses
-from fisheye_ep_calib.simulation.ray_traced_camera import RayTracedCamera, laikin_camera
+from fisheye_ep_calib.simulation.published_lenses import PUBLISHED_LENSES
+from fisheye_ep_calib.simulation.ray_traced_camera import RayTracedCamera, laikin_camera, published_camera
 from fisheye_ep_calib.simulation.rendering import Imaging, render
 from fisheye_ep_calib.simulation.scene_camera import SceneCamera
 from fisheye_ep_calib.simulation.scenes import paper_camera, paper_target
@@ -12,6 +13,7 @@ from fisheye_ep_calib.simulation.sequence import SimulatedCamera, View, render_v
 from fisheye_ep_calib.simulation.truth import disc_centroids, feature_pixels, observe
 
 __all__ = [
+    "PUBLISHED_LENSES",
     "EvaluationView",
     "Imaging",
     "RayTracedCamera",
@@ -29,6 +31,7 @@ __all__ = [
     "paper_camera",
     "paper_poses",
     "paper_target",
+    "published_camera",
     "random_poses",
     "render",
     "render_views",

@@ -10,11 +10,14 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from fisheye_ep_calib.arrays import FloatArray
-from fisheye_ep_calib.simulation.ray_traced_lens import Prescription, chief_rays, laikin_170
+from fisheye_ep_calib.simulation.prescription import Prescription
+from fisheye_ep_calib.simulation.published_lenses import PUBLISHED_LENSES, published_lens
+from fisheye_ep_calib.simulation.ray_traced_lens import chief_rays, laikin_170
 
 _RAYS = 4000
 _STEEPEST_STOP_ANGLE = np.radians(60)
 _ITERATIONS = 60
+_RIM = 1000.0  # px, of the image radius where a lens's field ends
 
 
 @dataclass(frozen=True)
@@ -145,3 +148,14 @@ class RayTracedCamera:
 def laikin_camera() -> RayTracedCamera:
     """The 170° lens at f = 3.5 mm on 2048 × 2048 pixels of 4.32 µm: f = 809.36 px, 90° at 1015 px."""
     return RayTracedCamera(laikin_170(3.5e-3), (2048, 2048), 4.324395246974445e-6, 1027.4, 1019.8)
+
+
+def published_camera(name: str, focal_length: float = 3.5e-3) -> RayTracedCamera:
+    """A lens of PUBLISHED_LENSES at a focal length, metres, on 2048 × 2048 pixels; its field reaches 1000 px.
+
+    The field is the one that the lens was designed for, and 2° more.
+    """
+    theta_max = np.radians(PUBLISHED_LENSES[name].half_field + 2)
+    lens = published_lens(name, focal_length)
+    radius = RayTracedCamera(lens, (2048, 2048), 1.0, 1027.4, 1019.8, theta_max).radius_px(theta_max)
+    return RayTracedCamera(lens, (2048, 2048), float(radius) / _RIM, 1027.4, 1019.8, theta_max)
