@@ -51,6 +51,8 @@ docs: $(VENV)/.docs
 # OpenCV's wheels share one folder: the one with contributed modules is put there last.
 benchmark: $(PEERS)/.ready
 	$(PEERS)/bin/python benchmarks/peers/accuracy.py
+	$(PEERS)/bin/python benchmarks/peers/cost.py
+	$(PEERS)/bin/python benchmarks/peers/detection.py
 
 $(PEERS)/.ready: setup.py benchmarks/peers/requirements.txt
 	@test -n "$(PEER_PYTHON)" || { echo "Python 3.12 or newer is needed for mrcal: run make benchmark PEER_PYTHON=python3.X"; exit 1; }

@@ -17,8 +17,18 @@ if TYPE_CHECKING:
     from fisheye_ep_calib.calibration import CalibrationResult, Observations
     from fisheye_ep_calib.camera import FisheyeCamera
     from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
+    from fisheye_ep_calib.pipeline import (
+        CalibratedCamera,
+        CalibratedCameras,
+        ComparedCameras,
+        EvaluatedCamera,
+        calibrate_recording,
+        compare,
+        evaluate,
+        export,
+        find_target,
+    )
     from fisheye_ep_calib.pipeline import calibrate_observations as calibrate
-    from fisheye_ep_calib.pipeline import calibrate_recording, compare, evaluate, export, find_target
     from fisheye_ep_calib.rectification import rectify
     from fisheye_ep_calib.storage.camera_file import load_camera, save_camera
     from fisheye_ep_calib.storage.recording import open_recording
@@ -26,8 +36,12 @@ if TYPE_CHECKING:
     from fisheye_ep_calib.version import __version__
 
 __all__ = [
+    "CalibratedCamera",
+    "CalibratedCameras",
     "CalibrationError",
     "CalibrationResult",
+    "ComparedCameras",
+    "EvaluatedCamera",
     "FisheyeCamera",
     "InputError",
     "Interrupted",
@@ -49,7 +63,18 @@ _MODULES = {
     "calibration": ("CalibrationResult", "Observations"),
     "camera": ("FisheyeCamera",),
     "errors": ("CalibrationError", "InputError", "Interrupted"),
-    "pipeline": ("calibrate_observations", "calibrate_recording", "compare", "evaluate", "export", "find_target"),
+    "pipeline": (
+        "CalibratedCamera",
+        "CalibratedCameras",
+        "ComparedCameras",
+        "EvaluatedCamera",
+        "calibrate_observations",
+        "calibrate_recording",
+        "compare",
+        "evaluate",
+        "export",
+        "find_target",
+    ),
     "rectification": ("rectify",),
     "storage.camera_file": ("load_camera", "save_camera"),
     "storage.recording": ("open_recording",),

@@ -71,19 +71,18 @@ def opencv_fisheye(observations: Observations, focal: float) -> Fitted:
         flags=flags.CALIB_USE_INTRINSIC_GUESS | flags.CALIB_RECOMPUTE_EXTRINSIC,
         criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-6),
     )
-    camera = FisheyeCamera(
-        image_size=observations.image_size,
-        fx=matrix[0, 0],
-        fy=matrix[1, 1],
-        cx=matrix[0, 2],
-        cy=matrix[1, 2],
-        skew=matrix[0, 1],
-        radial=tuple(distortion.ravel()),
-        model="kannala",
-        coefficients=(),
-        theta_max=np.pi,
+    seen = equidistant(observations, matrix[[0, 1, 0, 1, 0], [0, 1, 2, 2, 1]], distortion.ravel())
+    return Fitted(seen, observations.object_points, float(rms))
+
+
+def equidistant(observations: Observations, linear: np.ndarray, radial: np.ndarray) -> Project:
+    """Of fx, fy, cx, cy, skew and k1 … k4."""
+    fx, fy, cx, cy, skew = linear.tolist()
+    return of_camera(
+        FisheyeCamera(
+            observations.image_size, fx, fy, cx, cy, skew=skew, radial=tuple(radial.tolist()), theta_max=np.pi
+        )
     )
-    return Fitted(of_camera(camera), observations.object_points, float(rms))
 
 
 def opencv_omnidir(observations: Observations, focal: float) -> Fitted:
@@ -224,6 +223,49 @@ def ds_msp(observations: Observations, focal: float) -> Fitted:
     return Fitted(project, observations.object_points, float(told["rms_px"]))
 
 
+def pycolmap(observations: Observations, focal: float) -> Fitted:
+    """COLMAP's OPENCV_FISHEYE: the pose of each view by its P3P, then its bundle adjustment with the target held."""
+    import pycolmap as library
+
+    library.logging.minloglevel = library.logging.WARNING.value
+    width, height = observations.image_size
+    camera = library.Camera.create_from_model_id(1, library.CameraModelId.OPENCV_FISHEYE, focal, width, height)
+    scene = library.Reconstruction()
+    scene.add_camera_with_trivial_rig(camera)
+    sightings: list[list[tuple[int, int]]] = [[] for _ in observations.object_points]
+    for image, (names, pixels) in enumerate(views_of(observations), start=1):
+        pixels = pixels + 0.5  # its first pixel has its centre at (0.5, 0.5)
+        pose = library.estimate_and_refine_absolute_pose(pixels, observations.object_points[names], camera)
+        if pose is None:
+            continue
+        scene.add_image_with_trivial_frame(
+            library.Image(f"{image:05d}", keypoints=pixels, camera_id=1, image_id=image), pose["cam_from_world"]
+        )
+        for place, name in enumerate(names.tolist()):
+            sightings[name].append((image, place))
+    for point, seen in zip(observations.object_points, sightings, strict=True):
+        if seen:
+            scene.add_point3D(point, library.Track([library.TrackElement(*each) for each in seen]))
+    options = library.BundleAdjustmentOptions()
+    options.refine_points3D, options.refine_principal_point, options.print_summary = False, True, False
+    solver = options.ceres.solver_options
+    solver.num_threads, solver.max_num_iterations = 1, 200
+    included = library.BundleAdjustmentConfig()  # its shortcut would hold two poses, as if the target could move
+    for image in scene.images:
+        included.add_image(image)
+    library.create_default_bundle_adjuster(options, included, scene).solve()
+    fx, fy, cx, cy, *radial = scene.cameras[1].params
+    project = equidistant(observations, np.array([fx, fy, cx - 0.5, cy - 0.5, 0.0]), np.array(radial))
+    missed = [
+        project(observations.object_points[names] @ pose[:, :3].T + pose[:, 3]) - pixels
+        for image, (names, pixels) in enumerate(views_of(observations), start=1)
+        if image in scene.images
+        for pose in [scene.images[image].cam_from_world().matrix()]
+    ]
+    rms = np.sqrt(2 * np.nanmean(np.concatenate(missed) ** 2))
+    return Fitted(project, observations.object_points, float(rms))
+
+
 PEERS: dict[str, Callable[[Observations, float], Fitted]] = {
     "this, auto": ours("auto"),
     "this, ep_odd, flat board": ours("ep_odd"),
@@ -234,4 +276,5 @@ PEERS: dict[str, Callable[[Observations, float], Fitted]] = {
     "OpenCV fisheye": opencv_fisheye,
     "OpenCV omnidir": opencv_omnidir,
     "ds_msp Kannala–Brandt": ds_msp,
+    "COLMAP OPENCV_FISHEYE": pycolmap,
 }

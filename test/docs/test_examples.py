@@ -111,11 +111,27 @@ def test_cpp_example_refuses_what_is_no_camera_file(project, tmp_path):
     assert "entrance_pupil" in done.stderr
 
 
-def relative_links(page: Path) -> list[str]:
-    return [link for link in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text("utf-8")) if "://" not in link]
+PAGES = sorted([*DOCS.parent.glob("*.md"), *DOCS.glob("*.md")])
 
 
-@pytest.mark.parametrize("page", sorted([DOCS.parent / "README.md", *DOCS.glob("*.md")]), ids=lambda page: page.name)
+def links(page: Path) -> list[tuple[str, str]]:
+    """Path and anchor of each link that stays in the repository."""
+    found = re.findall(r"\]\(([^)\s]+)\)", page.read_text("utf-8"))
+    return [link.partition("#")[::2] for link in found if not re.match(r"\w+:", link)]
+
+
+def anchors(page: Path) -> set[str]:
+    """What GitHub names the headings of a page."""
+    text = re.sub(r"^```.*?^```", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
-    missing = [link for link in relative_links(page) if not (page.parent / link).exists()]
-    assert not missing
+    dead = []
+    for path, anchor in links(page):
+        place = page.parent / path if path else page
+        if not place.exists() or (anchor and anchor not in anchors(place)):
+            dead.append(f"{path}#{anchor}")
+    assert not dead
