@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -97,17 +97,30 @@ class Collector:
         looked_at: dict[str, dict[int, FrameResult]] = {topic: {} for topic in topics}
         expected = sum(min(count, max(choice.most, len(first[topic]))) for topic, count in counts.items())
 
-        def next_jobs(topic: str) -> list[Job]:
+        def planned(topic: str) -> list[int]:
             seen = looked_at[topic]
-            planned = [index for index in first[topic] if index not in seen]
-            if not planned and _of_one_size(seen):
-                planned = self._next_look(seen, counts[topic], choice)
-            if choice.gives_up and not _any_view(seen):
-                planned = worth_a_look(planned, _pixels(seen))
-            return [Job(topic, index) for index in planned]
+            images = [index for index in first[topic] if index not in seen]
+            if not images and _of_one_size(seen):
+                images = self._next_look(seen, counts[topic], choice)
+            return images
 
-        jobs = {topic: next_jobs(topic) for topic in topics}
-        interrupted = self._look(_SEARCH, expected, jobs, looked_at, next_jobs, self._log)
+        def jobs_of(topic: str) -> list[Job]:
+            images = planned(topic)
+            if choice.gives_up and not _any_view(looked_at[topic]):
+                images = worth_a_look(images, _pixels([looked_at[topic]]))
+            return [Job(topic, index) for index in images]
+
+        def next_jobs(part: str) -> dict[str, list[Job]]:
+            if part != _ALL:
+                return {part: jobs_of(part)}
+            seen = looked_at.values()
+            if not choice.gives_up or any(map(_any_view, seen)):
+                return {topic: jobs_of(topic) for topic in topics}
+            # As long as no camera has seen the target, all of them together have what a refusal may cost.
+            pixels = _pixels(seen)
+            return {_ALL: [Job(t, index) for t in topics for index in worth_a_look(planned(t), pixels, len(topics))]}
+
+        interrupted = self._look(_SEARCH, expected, next_jobs, looked_at, self._log)
         return self._runs(looked_at, interrupted)
 
     def collect_moments(
@@ -126,7 +139,7 @@ class Collector:
             pairs = [(c, int(image)) for row in rows for c, image in enumerate(moments[row]) if image >= 0]
             return [Job(topics[c], image) for c, image in pairs]
 
-        def next_jobs(_: str) -> list[Job]:
+        def next_jobs(_: str) -> dict[str, list[Job]]:
             results = [
                 [looked_at[topic].get(image) for topic, image in zip(topics, row, strict=True)] for row in moments
             ]
@@ -136,14 +149,12 @@ class Collector:
             if not len(planned) and all(map(_of_one_size, looked_at.values())):
                 planned = next_moments(looked, shared, choice.most)
             if choice.gives_up and not any(map(_any_view, looked_at.values())):
-                pixels = [area for seen in looked_at.values() for area in _pixels(seen)]
-                planned = np.array(worth_a_look(planned, pixels, len(topics)), dtype=int)
-            return jobs_of(planned)
+                planned = np.array(worth_a_look(planned, _pixels(looked_at.values()), len(topics)), dtype=int)
+            return {_ALL: jobs_of(planned)}
 
         first = first_moments(len(moments), choice.most)
         expected = min(choice.most, len(moments)) * len(topics)
-        jobs = {_ALL: next_jobs(_ALL)}
-        interrupted = self._look(_SEARCH, expected, jobs, looked_at, next_jobs, self._log, lambda topic: _ALL)
+        interrupted = self._look(_SEARCH, expected, next_jobs, looked_at, self._log)
         return self._runs(looked_at, interrupted)
 
     def refine(self, guides: Sequence[Guide]) -> dict[str, DetectionRun]:
@@ -160,7 +171,9 @@ class Collector:
             for guide in guides
         }
         looked_at: dict[str, dict[int, FrameResult]] = {guide.run.topic: {} for guide in guides}
-        interrupted = self._look("looking again", sum(map(len, jobs.values())), jobs, looked_at)
+        interrupted = self._look(
+            "looking again", sum(map(len, jobs.values())), lambda part: jobs if part == _ALL else {}, looked_at
+        )
         refined = {}
         for guide in guides:
             again = {index: frame for index, frame in looked_at[guide.run.topic].items() if frame.is_view}
@@ -174,34 +187,38 @@ class Collector:
         self,
         step: str,
         expected: int,
-        jobs: Mapping[str, Sequence[Job]],
+        next_jobs: Callable[[str], Mapping[str, Sequence[Job]]],
         looked_at: dict[str, dict[int, FrameResult]],
-        next_jobs: Callable[[str], Sequence[Job]] = lambda topic: (),
         log: DetectionLog | None = None,
-        part_of: Callable[[str], str] = lambda topic: topic,
     ) -> bool:
-        """Fill in ``looked_at``, topic by topic in rounds; while one is planned the others' go on. True if interrupted.
+        """Fill in ``looked_at`` in rounds; while a part's next round is planned the others' go on. True if interrupted.
 
-        expected: how many images the step may come to look at. part_of: topics of the same part, of which ``jobs`` has
-        the first rounds, are seen in common rounds. next_jobs: a part's next round, once it has been seen whole; none
-        where it is done.
+        expected: how many images the step may come to look at. next_jobs: what follows a part's round once it has been
+        seen whole, by part; nothing where it is done. It begins with the part of all topics.
         """
-        left = {part: len(round_of) for part, round_of in jobs.items()}
+        part_of: dict[tuple[str, int], str] = {}
+        left: dict[str, int] = {}
+        at_hand: deque[FrameResult] = deque()
         looked = views = 0
+
+        def begin(rounds: Mapping[str, Sequence[Job]]) -> None:
+            for part, jobs in rounds.items():
+                left[part] = len(jobs)
+                part_of.update(((job.topic, job.index), part) for job in jobs)
+                at_hand.extend(self._begin(jobs, log))
+
         try:
             self._on_progress(Progress(step, 0, expected, 0))
-            at_hand = deque(result for round_of in jobs.values() for result in self._begin(round_of, log))
+            begin(next_jobs(_ALL))
             while (result := at_hand.popleft() if at_hand else self._workers.next_result()) is not None:
-                part = part_of(result.topic)
+                part = part_of[result.topic, result.index]
                 self._note(result, looked_at[result.topic], log)
                 looked, views = looked + 1, views + result.is_view
                 if looked < expected:
                     self._on_progress(Progress(step, looked, expected, views))
                 left[part] -= 1
                 if left[part] == 0:
-                    following = next_jobs(part)
-                    left[part] = len(following)
-                    at_hand.extend(self._begin(following, log))
+                    begin(next_jobs(part))
             self._on_progress(Progress(step, looked, looked, views))  # what else was expected promised nothing new
         except KeyboardInterrupt:
             self._workers.close()
@@ -256,9 +273,10 @@ def _of_one_size(frames: Mapping[int, FrameResult]) -> bool:
     return sizes_differ(_in_order(frames)) is None
 
 
-def _pixels(frames: Mapping[int, FrameResult]) -> list[int]:
-    """Of each image looked at; 0 where it could not be read."""
-    return [width * height for width, height in (frame.image_size or (0, 0) for frame in frames.values())]
+def _pixels(seen: Iterable[Mapping[int, FrameResult]]) -> list[int]:
+    """Of each image looked at by any of the cameras; 0 where it could not be read."""
+    sizes = [frame.image_size or (0, 0) for frames in seen for frame in frames.values()]
+    return [width * height for width, height in sizes]
 
 
 def _in_order(frames: Mapping[int, FrameResult]) -> tuple[FrameResult, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fisheye_ep_calib.calibration import calibrate
-from fisheye_ep_calib.calibration.assessing.target_findings import largest_lattice
+from fisheye_ep_calib.calibration.assessing.target_findings import smaller_board
 from fisheye_ep_calib.calibration.calibrate import rough_camera
 from fisheye_ep_calib.calibration.estimating.sightings import MIN_VIEWS
 from fisheye_ep_calib.calibration.options import AUTO
@@ -177,12 +177,8 @@ def _with_reasons(error: CalibrationError, camera: CameraSource) -> CalibrationE
     reasons = []
     if outcome.view_count < MIN_VIEWS and camera.unused_views:
         reasons.append(f"images not used: {counted(list(camera.unused_views.values()))}")
-    if lattice := largest_lattice(outcome.object_points, outcome.image_index, outcome.point_index):
-        columns, rows, most_columns, most_rows = lattice
-        reasons.append(
-            f"no view shows more than {most_columns} × {most_rows} of the target file's {columns} × {rows} points: "
-            "count them on the board"
-        )
+    if smaller := smaller_board(outcome.object_points, outcome.image_index, outcome.point_index):
+        reasons.append(smaller)
     if not reasons:
         return error
     told = type(error)("; ".join([str(error), *reasons]))

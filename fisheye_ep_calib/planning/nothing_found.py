@@ -12,17 +12,17 @@ import numpy as np
 # Searching costs 0.05 to 0.2 s of processor time a megapixel where there is no target, 0.35 at worst (chessboards in
 # noise), hence 3 to 20 s in all.
 MOST_PIXELS = 60e6
-FEWEST_IMAGES = 6  # or times, of a rig, looked at in any case
+FEWEST_IMAGES, FEWEST_OF_EACH = 6, 3  # looked at in any case, in all and of each camera
 
 
 def worth_a_look(images: Sequence[int] | np.ndarray, pixels: Sequence[int], at_once: int = 1) -> list[int]:
     """Of images planned, those to look at although nothing was found in any so far; none: give up.
 
-    pixels: of each image looked at so far, 0 where it could not be read. at_once: images that one of ``images`` stands
-    for. Those given back are spread evenly.
+    pixels: of each image looked at so far, of all cameras, 0 where it could not be read. at_once: images that one of
+    ``images`` stands for, one of each camera. Those given back are spread evenly.
     """
     if not pixels:
-        return evenly_spread(images, FEWEST_IMAGES)
+        return evenly_spread(images, max(FEWEST_OF_EACH, -(-FEWEST_IMAGES // at_once)))
     usual = sum(pixels) / len(pixels)
     if usual == 0:
         return evenly_spread(images, len(images))  # to learn that an image cannot be read costs next to nothing

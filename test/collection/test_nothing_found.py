@@ -69,9 +69,8 @@ def test_one_view_and_all_are_looked_at(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("dear_pixels")
-@pytest.mark.parametrize(("most", "looked"), [(None, 6), (30, 15)])
+@pytest.mark.parametrize(("most", "looked"), [(None, 4), (30, 15)])
 def test_a_rig_whose_cameras_see_nothing(tmp_path: Path, most: int | None, looked: int) -> None:
-    """Six times are looked at in any case, which are twelve images of two cameras."""
     images = [picture(ABSENT, shape=(180, 240))] * 60
     both = sorted(messages(images, "/a") + messages(images, "/b"), key=lambda message: message[1])
     moments = np.stack([np.arange(60)] * 2, axis=1)
@@ -79,6 +78,20 @@ def test_a_rig_whose_cameras_see_nothing(tmp_path: Path, most: int | None, looke
         with Collector(recording, TARGET) as collector:
             runs = collector.collect_moments(["/a", "/b"], moments, FrameChoice(most))
     assert [len(run.frames) for run in runs.values()] == [looked, looked]
+
+
+@pytest.mark.usefixtures("dear_pixels")
+@pytest.mark.parametrize("workers", [0, 2])
+@pytest.mark.parametrize("shown", [False, True])
+def test_several_cameras_share_what_a_refusal_may_cost(tmp_path: Path, shown: bool, workers: int) -> None:
+    """Four of them: three images each are more than nine. Where one sees the target, each of the others has nine."""
+    empty = [picture(ABSENT, shape=(180, 240))] * 30
+    images = {f"/{name}": empty for name in "abc"} | {"/d": [picture(shape=(180, 240))] * 30 if shown else empty}
+    every = [message for topic, pictures in images.items() for message in messages(pictures, topic)]
+    path = write_mcap(tmp_path / "a.mcap", sorted(every, key=lambda message: message[1]))
+    with open_recording(path) as recording, Collector(recording, TARGET, workers=workers) as collector:
+        runs = collector.collect(list(images), USUAL)
+    assert [len(run.frames) for run in runs.values()] == ([9, 9, 9, 30] if shown else [3, 3, 3, 3])
 
 
 @pytest.mark.slow

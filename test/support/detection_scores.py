@@ -19,12 +19,15 @@ class Score:
     views_found: int
 
 
-def evaluate(camera, target, views) -> tuple[Score, Score]:
-    """Both passes over views of an evaluation set; the second is guided by the true camera and pose."""
+def evaluate(camera, target, views, printed=None) -> tuple[Score, Score]:
+    """Both passes over views of an evaluation set; the second is guided by the true camera and pose.
+
+    printed: what the views show where it is not quite the target.
+    """
     detector = target.detector()
     passes = ([], [])
     for view in views:
-        image = view.image(camera, target)
+        image = view.image(camera, printed or target)
         first = detector.detect(image)
         second = detector.detect_guided(image, camera, view.pose)
         for results, detection in zip(passes, (first, second), strict=True):

@@ -147,7 +147,7 @@ def test_a_mirrored_image_of_a_holed_grid_is_named():
     assert "the image is mirrored" in found.reason
 
 
-@pytest.mark.parametrize("radius", [0.0033, 0.0047])
+@pytest.mark.parametrize("radius", [0.002, 0.0033, 0.0047, 0.0054])
 @pytest.mark.parametrize("negative", [False, True])
 def test_a_grid_of_another_radius_is_named(radius, negative):
     """The file has 4 mm; the message says what would fit."""

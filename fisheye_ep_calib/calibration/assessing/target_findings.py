@@ -48,16 +48,29 @@ def board_scale(board: BoardShape) -> Finding:
 
 def squares_counted(fit: Fit) -> list[Finding]:
     observations = fit.sightings.observations
-    lattice = smaller_lattice(observations.object_points, observations.image_index, observations.point_index)
+    seen = observations.object_points, observations.image_index, observations.point_index
+    lattice = largest_lattice(*seen)
     if lattice is None:
         return []
-    columns, rows, most_columns, most_rows = lattice
+    columns, rows = lattice[:2]
     values = {"columns": float(columns), "rows": float(rows)}
-    told = (
-        f"no view shows more than {most_columns} × {most_rows} of the target file's {columns} × {rows} points: were"
-        " squares counted instead of inner corners? Then points are named differently from view to view"
+    return [Finding("squares_counted", values, True, smaller_board(*seen))]
+
+
+def smaller_board(points: np.ndarray, image_index: np.ndarray, point_index: np.ndarray) -> str:
+    """What to say of a board that is smaller than its file, as ``largest_lattice`` has it; empty where it is not."""
+    lattice = largest_lattice(points, image_index, point_index)
+    if lattice is None:
+        return ""
+    columns, rows, most_columns, most_rows = lattice
+    one_fewer = (most_columns, most_rows) == (columns - 1, rows - 1)
+    question = (
+        "were squares counted instead of inner corners" if one_fewer else "is the board smaller, or part of it hidden"
     )
-    return [Finding("squares_counted", values, True, told)]
+    return (
+        f"no view shows more than {most_columns} × {most_rows} of the target file's {columns} × {rows} points:"
+        f" {question}? The points of a smaller board are named differently from view to view"
+    )
 
 
 def units(distance: np.ndarray, camera: FisheyeCamera) -> list[Finding]:
@@ -71,24 +84,18 @@ def units(distance: np.ndarray, camera: FisheyeCamera) -> list[Finding]:
     return [Finding("units", {"distance_m": far, "pupil_mm": 1e3 * shift}, True, told + advice)]
 
 
-def smaller_lattice(points: np.ndarray, image_index: np.ndarray, point_index: np.ndarray) -> tuple[int, ...] | None:
-    """Columns and rows of the file, then those that were seen, where these are one fewer each way; else None.
-
-    As ``largest_lattice``. A board that is one column and one row smaller than its file fits it in several places,
-    across too: its labels shift from view to view, but no view ever shows more of it.
-    """
-    seen = largest_lattice(points, image_index, point_index)
-    return seen if seen is not None and seen[2:] == (seen[0] - 1, seen[1] - 1) else None
-
-
 def largest_lattice(points: np.ndarray, image_index: np.ndarray, point_index: np.ndarray) -> tuple[int, ...] | None:
     """Columns and rows of the file, then those of a smaller lattice that no view exceeds and many show whole; or None.
 
-    points (n, 3): metres. image_index, point_index (M,): of the sightings. Which of the smaller lattice's two counts is
-    the larger follows the file: it may lie across.
+    A board that is smaller than its file fits it in several places, across too: its labels shift from view to view, but
+    no view ever shows more of it. points (n, 3): metres. image_index, point_index (M,): of the sightings. Which of the
+    smaller lattice's two counts is the larger follows the file: it may lie across.
     """
     grid = np.stack([np.unique(np.round(axis, 6), return_inverse=True)[1] for axis in points[:, :2].T], axis=1)
     columns, rows = (int(count) + 1 for count in grid.max(axis=0))
+    if columns * rows == 2 * len(points):  # every second place is empty: an asymmetric grid
+        grid[:, 0] //= 2
+        columns //= 2
     if columns * rows != len(points) or min(columns, rows) < 4:
         return None
     views = np.unique(image_index)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+SEARCH_SIDE = 700  # pixels of the longer side of the image that is searched
+WINDOWS = (31, 121)  # pixels: adaptive thresholds for small discs and large ones
 MOST_BLOBS = 4000  # the largest ones of an image
 FITNESS = 0.965  # area of a blob over that of the ellipse of its moments; of small ones less is asked
 RING_ANGLES = np.linspace(0, 2 * np.pi, 16, endpoint=False)
@@ -37,6 +40,20 @@ class Blobs:
         """The same blobs in an image ``factor`` times as large."""
         center = (self.center + 0.5) * factor - 0.5
         return Blobs(center, self.shape * factor**2, self.hole, self.fitness)
+
+
+def usual_factor(shape: tuple[int, ...]) -> int:
+    """By how much an image (h, w) is reduced where nothing is known of the discs' size."""
+    return max(1, math.ceil(max(shape) / SEARCH_SIDE))
+
+
+def reduced(image: np.ndarray, factor: int) -> np.ndarray:
+    """The image at a whole fraction of its size, without the rows and columns left over."""
+    if factor == 1:
+        return image
+    height, width = image.shape[0] // factor, image.shape[1] // factor
+    cropped = image[: height * factor, : width * factor]
+    return cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def find_blobs(image: np.ndarray, windows: tuple[int, ...], holes: bool) -> Blobs:

@@ -12,7 +12,7 @@ import numpy as np
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.cells import smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
-from fisheye_ep_calib.target.discs.blobs import Blobs, discs_are_light, find_blobs
+from fisheye_ep_calib.target.discs.blobs import WINDOWS, Blobs, discs_are_light, find_blobs, reduced, usual_factor
 from fisheye_ep_calib.target.discs.ellipse import minor_axis
 from fisheye_ep_calib.target.discs.growth import complete_discs
 from fisheye_ep_calib.target.discs.hole_evidence import LEAST_HOLES, HoleEvidence, hole_evidence
@@ -21,9 +21,9 @@ from fisheye_ep_calib.target.discs.lattice_evidence import (
     fits_neighbours,
     is_disc_lattice,
     is_every_second,
-    pitch_over_radius,
 )
 from fisheye_ep_calib.target.discs.measurement import Measurement, measure_discs
+from fisheye_ep_calib.target.discs.other_radius import other_radius
 from fisheye_ep_calib.target.expected_features import expect_discs, pose_columns, stays_smooth
 from fisheye_ep_calib.target.labelling import Placement, label_patch
 from fisheye_ep_calib.target.second_look import SLACK, contradictions, places_of
@@ -31,12 +31,9 @@ from fisheye_ep_calib.target.sharpness import why_not
 
 FEWEST_DISCS = 9  # of a view
 NOT_FOUND = "board not found"
-SEARCH_SIDE = 700  # pixels of the longer side of the image that is searched
-WINDOWS = (31, 121)  # pixels: adaptive thresholds for small discs and large ones
 MOST_LATTICES = 4  # of an image that are measured
 TOO_MANY = 1.5  # times the discs of the target: something else
 MOST_OF_A_ROW = 0.6  # share of the root of the number of discs, from which on a larger grid is told
-MOSTLY_SEEN = 0.6  # share of the discs from which on a grid of another radius is told
 MOSTLY_FOUND = 0.8  # share of the discs that ends the search
 UNKNOWN_RATIO = 2.4  # pitch over radius where the target file tells no radius
 USUAL_ERROR = 0.08  # pixels, of a measured centre
@@ -96,7 +93,7 @@ class CircleGridDetector:
         if len(light):
             return light
         best = max(dark, light, key=lambda detection: detection.reason != NOT_FOUND)
-        return replace(best, reason=why_not(image, best.reason))
+        return replace(best, reason=why_not(image, other_radius(image, self.target) or best.reason))
 
     def _detect(self, image: np.ndarray) -> Detection:
         """Dark discs on light ground."""
@@ -157,7 +154,7 @@ class CircleGridDetector:
 
     def _detect_at(self, image: np.ndarray, factor: int) -> _Found:
         """The best of the largest lattices, looked for in the image reduced by ``factor``."""
-        blobs = find_blobs(_reduced(image, factor), WINDOWS, holes=bool(self.target.holed)).scaled(factor)
+        blobs = find_blobs(reduced(image, factor), WINDOWS, holes=bool(self.target.holed)).scaled(factor)
         best = _Found(detection=Detection(rejected=blobs.center))
         total = len(self.target.object_points)
         lattices = grow_lattices(blobs.center, blobs.shape, self.ratio, int(MOSTLY_FOUND * total))
@@ -179,8 +176,7 @@ class CircleGridDetector:
         if good.any():
             good[good] = fits_neighbours(cells[good], discs.center[good], discs.shape[good])
         if not self._is_board(cells[good], discs[good], blobs):
-            reason = self._other_radius(cells[good], discs[good], blobs)
-            return _Found(detection=Detection(reason=reason, rejected=blobs.center))
+            return _Found(detection=Detection(rejected=blobs.center))
         marks = None
         if self.target.holed:
             marks = hole_evidence(image, cells, discs, self.hole_ratio, self.target.lattice[list(self.target.holed)])
@@ -217,19 +213,6 @@ class CircleGridDetector:
             "named differently from view to view; count columns and rows"
         )
 
-    def _other_radius(self, cells: np.ndarray, discs: Measurement, blobs: Blobs) -> str:
-        """What to say of discs at cells (k, 2) that are a grid but for their radius; empty where they are none."""
-        if self.ratio is None or self.target.disc_radius is None or len(cells) < MOSTLY_SEEN * self.total:
-            return ""
-        any_size = is_disc_lattice(cells, discs.center, discs.shape, None)
-        if not any_size or is_every_second(cells, discs.center, blobs.center):
-            return ""
-        radius = self.target.pitch / pitch_over_radius(cells, discs.center, discs.shape)
-        return (
-            f"{len(cells)} discs are seen whose radius is {radius / self.target.disc_radius:.2f} times that of the "
-            f"target file: check radius ({radius:.3g} m would fit)"
-        )
-
     def _is_mirrored(self, cells: np.ndarray, discs: Measurement, marks: HoleEvidence) -> bool:
         """Whether the holed discs lie as the target's do in a mirror."""
         across = cells * [1, -1]
@@ -252,18 +235,9 @@ def _typical(offset: np.ndarray) -> float:
     return float(np.median(np.hypot(*offset.T)))
 
 
-def _reduced(image: np.ndarray, factor: int) -> np.ndarray:
-    """The image at a whole fraction of its size, without the rows and columns left over."""
-    if factor == 1:
-        return image
-    height, width = image.shape[0] // factor, image.shape[1] // factor
-    cropped = image[: height * factor, : width * factor]
-    return cv2.resize(cropped, (width, height), interpolation=cv2.INTER_AREA)
-
-
 def _search_factors(shape: tuple[int, ...]) -> tuple[int, ...]:
     """Reductions to try: the usual one, a finer one for small discs, a coarser one for very large ones, none at all."""
-    factor = max(1, math.ceil(max(shape) / SEARCH_SIDE))
+    factor = usual_factor(shape)
     coarser = 2 * factor if min(shape) >= 200 * factor else factor
     return tuple(dict.fromkeys((factor, max(1, factor // 2), coarser, 1)))
 

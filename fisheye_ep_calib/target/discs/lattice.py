@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 NEAREST = 28  # blobs that may be a blob's neighbours
+VOTES = 4  # nearest blobs that vote on the pitch where the radius is not known
 FEWEST = 4  # discs of a lattice
 QUARTER = np.pi / 2
 # Blur makes blobs larger than their discs, and the pitch smaller in their measure.
@@ -93,8 +94,11 @@ def _likely_ratios(offset: np.ndarray, first: np.ndarray, second: np.ndarray, co
     """pitch/radius from the commonest distance of a blob to its nearest ones, the commonest three."""
     distance = np.hypot(*offset.T)
     mutual = np.sqrt(distance * _both_ways(first, second, distance, count))
-    bins = np.arange(np.log(2.05), np.log(8.0), 0.06)
-    votes, _ = np.histogram(np.log(np.maximum(mutual, 1e-9)), bins)
+    # The nearest ones alone: eight lie √5 pitches away, and four one.
+    order = np.lexsort((mutual, first))
+    rank = np.arange(len(order)) - np.searchsorted(first[order], first[order])
+    bins = np.arange(np.log(2.0), np.log(8.0), 0.06)
+    votes, _ = np.histogram(np.log(np.maximum(mutual[order[rank < VOTES]], 1e-9)), bins)
     smooth = np.convolve(votes, np.ones(3), mode="same")
     best = np.argsort(-smooth)[:8]
     chosen: list[int] = []
