@@ -17,6 +17,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -149,7 +150,8 @@ def rows(case: Known | Split, peers: list[str]) -> Iterator[dict[str, object]]:
     for name in peers:
         began = time.process_time()
         try:
-            fitted = PEERS[name](observations, case.focal)
+            with quiet():
+                fitted = PEERS[name](observations, case.focal)
         except ImportError as error:
             yield {"peer": name, "said": f"not installed: {error.name}"}
             continue
@@ -157,10 +159,25 @@ def rows(case: Known | Split, peers: list[str]) -> Iterator[dict[str, object]]:
             yield {"peer": name, "said": f"fails: {str(error).strip().splitlines()[-1][:90]}"}
             continue
         seconds = time.process_time() - began
-        judged = (
-            errors_by_distance(case, fitted) if isinstance(case, Known) else {"held out": held_out_error(case, fitted)}
-        )
+        with quiet():
+            if isinstance(case, Known):
+                judged = errors_by_distance(case, fitted)
+            else:
+                judged = {"held out": held_out_error(case, fitted)}
         yield {"peer": name, "RMS": fitted.rms_px, **judged, "seconds": seconds}
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Without what C libraries write on stderr, thousands of lines."""
+    kept = os.dup(2)
+    with open(os.devnull, "w") as nothing:
+        os.dup2(nothing.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def table(title: str, found: list[dict[str, object]]) -> str:

@@ -1,6 +1,6 @@
 """Processor time of a fit beside others at 25, 200 and 1,000 views: `make benchmark`, or
 
-    python benchmarks/peers/cost.py [--views 25 200 1000] [--peers NAME ...] [--limit 300]
+    python benchmarks/peers/cost.py [--views 25 200 1000] [--peers NAME ...] [--limit 120]
 
 All get the views of ../speed.py, within 80° of the axis, where cv2.fisheye works, and a good focal length; each fit
 runs in a process of its own with one thread. Times are ratios to cv2.fisheye's. What takes longer than the limit, in
@@ -71,7 +71,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--views", type=int, nargs="*", default=[25, 200, 1000])
     parser.add_argument("--peers", nargs="*", default=list(PEERS), help=", ".join(PEERS))
-    parser.add_argument("--limit", type=int, default=300, help="seconds of processor time a fit")
+    parser.add_argument("--limit", type=int, default=120, help="seconds of processor time a fit")
     arguments = parser.parse_args()
     names = list(dict.fromkeys([REFERENCE, *arguments.peers]))
     found: dict[str, list[str]] = {name: [] for name in names}

@@ -35,6 +35,7 @@ DESCRIPTION = (
 )
 CAMERAS = ("front", "rear")
 MODELS = ("kannala", "ep_odd")
+REPORT = "report.html"
 RATE = 1.5  # images a second of each camera: slow enough for the live node to look at them all
 PUPIL_ANGLES = (30, 60, 75)  # degrees
 TARGET_YAML = """\
@@ -74,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     results = _calibrate_bag(bag, folder)
     for name, fits in results.items():
         print(_table(name, truth[name], fits))
+    print(f"\nfigures of what was found and how far it can be trusted: {folder / REPORT}")
     _heading("3. Live: the same bag, played to the node over DDS")
     live = _live(bag, target_file, folder, "--no-live was given" if arguments.no_live else why_not_live())
     _closing(folder, live, time.monotonic() - began)
@@ -94,7 +96,10 @@ def _render(bag: Path, cameras: dict[str, FisheyeCamera]) -> None:
 
 
 def _calibrate_bag(bag: Path, folder: Path) -> dict[str, dict[str, CalibrationResult]]:
-    """Each camera's results by model; the entrance-pupil camera is saved as a camera file."""
+    """Each camera's results by model; the entrance-pupil cameras are saved as camera files, with a page of figures."""
+    from fisheye_ep_calib.report.from_calibration import calibration_report
+    from fisheye_ep_calib.report.html import write_report
+
     results = {}
     topics = {name: f"/{name}/image_raw" for name in CAMERAS}
     with ProgressBars() as bars:
@@ -103,6 +108,10 @@ def _calibrate_bag(bag: Path, folder: Path) -> dict[str, dict[str, CalibrationRe
         save_observations(folder / "observations" / f"{name}.npz", observations)
         results[name] = {model: calibrate(observations, model) for model in MODELS}
         save_camera(folder / f"{name}.yaml", results[name]["ep_odd"], name, str(bag))
+    write_report(
+        folder / REPORT,
+        [calibration_report(name, seen, results[name]["ep_odd"]) for name, seen in cameras_seen.items()],
+    )
     return results
 
 
@@ -161,6 +170,7 @@ def _closing(folder: Path, live: bool, seconds: float) -> None:
         "demo.mcap": "the images; plays with ros2 bag play",
         "target.yaml": "what was seen",
         "front.yaml, rear.yaml": "the cameras: CameraInfo for every ROS consumer, and the whole model",
+        REPORT: "the verdict and its figures; open it in a browser",
         "observations/": "the detected points; calibrate them again without the images",
     }
     if live:
@@ -172,6 +182,7 @@ def _closing(folder: Path, live: bool, seconds: float) -> None:
     topics = " ".join(f"--topic {name}=/{name}/image_raw" for name in CAMERAS)
     print(
         "\nNext:\n"
+        f"  open {folder / REPORT} in a browser\n"
         f"  fisheye_ep_calib show {folder}/front.yaml\n"
         f"  fisheye_ep_calib calibrate {folder}/demo.mcap --target {folder}/target.yaml --output {folder}/again \\\n"
         f"      {topics}\n"

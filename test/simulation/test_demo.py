@@ -44,7 +44,9 @@ def test_offline_it_finds_the_pupil_and_shows_the_truth_beside_it(tmp_path, caps
     assert ep_odd < 0.1 * kannala and ep_odd < 0.05
     assert_pupil_found(load_camera(tmp_path / "front.yaml"), paper_camera())
     left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"demo.mcap", "target.yaml", "front.yaml", "observations"}
+    assert left == {"demo.mcap", "target.yaml", "front.yaml", "observations", "report.html"}
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert "E(θ)" in page and len(page) > 100_000 and str(tmp_path / "report.html") in out
 
 
 @pytest.mark.slow
