@@ -107,7 +107,11 @@ def _doubt(result: CalibrationResult) -> str:
 
 def _left_open_sentence(result: CalibrationResult) -> str:
     """E and its band, from the model with a pupil that was judged, and what a single viewpoint may lose."""
-    advice = "record the target close to the lens and out to the edge of the image, at several distances, to know"
+    lacks = any(finding.concern for finding in result.diagnosis.findings if finding.name in ("coverage", "depth"))
+    where = (
+        "the target close to the lens and out to the edge of the image, at several distances" if lacks else "more views"
+    )
+    advice = f"record {where}, to know"
     open_ = result.left_open
     if open_ is None:
         verdict = result.pupil_verdict

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from known_scenes import CAMERA, seen_board
+from known_scenes import BOARD as BOARD_OF_SCENES
+from known_scenes import CAMERA, poses_of, seen, seen_board
 
 from fisheye_ep_calib.calibration import calibrate
 from fisheye_ep_calib.calibration.assessing.uncertainty import projection_table
@@ -53,9 +54,9 @@ def test_a_lens_pupil_is_told_of_its_rays() -> None:
     assert 0 < sigma < 0.2 * shift and angle <= np.degrees(result.camera.theta_max)
 
 
-def test_a_fiftieth_of_the_papers_shift_is_doubtful_and_kept() -> None:
-    """E(80°) = 0.26 mm, E(60°) = 0.02 mm: no lens has that sign, but near views tell of far ones better with it."""
-    result = calibrate(paper_views(0.02, 100))
+def test_a_two_hundredth_of_the_papers_shift_is_doubtful_and_kept() -> None:
+    """E(80°) = 0.06 mm, E(97°) = 0.4 mm: no lens has that sign, but near views tell of far ones better with it."""
+    result = calibrate(paper_views(0.005, 100))
     verdict = result.pupil_verdict
     assert verdict.answer == DOUBTFUL and not result.entrance_pupil_supported
     assert verdict.p_value < 1e-6 and verdict.ratio < 10
@@ -77,6 +78,16 @@ def test_what_is_not_detected_is_left_open_not_zero() -> None:
     central = calibrate(result.observations, "kannala")
     near = projection_table(result.camera, result.uncertainty, result.fit.problem.free).sigma_px[:-1, 0]
     assert near[-2] > projection_table(central.camera, central.uncertainty, central.fit.problem.free).sigma_px[-3, 0]
+
+
+@pytest.mark.parametrize(("widest", "least", "most"), [(20, 25, 50), (95, 75, 110)])
+def test_it_is_judged_where_the_data_are(widest, least, most) -> None:
+    """Of boards whose middles are within 20° of the axis, and of some past 90°: the angle at which E shows best."""
+    camera = replace(CAMERA, coefficients=(-1e-3, -0.1e-3))
+    poses = poses_of(25, 5, widest)
+    verdict = calibrate(seen(camera, BOARD_OF_SCENES.object_points, poses), "ep_even").pupil_verdict
+    assert least < np.degrees(verdict.theta) < most and verdict.answer == SUPPORTED
+    assert verdict.pupil == pytest.approx(float(camera.entrance_pupil(verdict.theta)), abs=4 * verdict.sigma)
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ from fisheye_ep_calib.calibration.estimating.normal_equations import (
 )
 from fisheye_ep_calib.calibration.estimating.prediction import predict
 from fisheye_ep_calib.calibration.selecting.nested_tests import CLUSTERS_BEYOND_TERMS, f_tail, f_test
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 
 _SIGNIFICANCE = 0.001  # of each of the three
 _SHARE = 0.2  # of the RMS, below which it is not worth a word
@@ -56,10 +57,15 @@ def not_symmetric(fit: Fit) -> list[Finding]:
         return [Finding("not_symmetric", values, False, "the residuals do not turn with the azimuth")]
     sentence = (
         f"the camera is not symmetric about its axis, by {effect:.2f} px RMS of the residuals (p = {chance:.1g}, best "
-        f"told by {name}): a decentred element, a window in front of the lens, or a pupil off the axis; no model here "
-        "holds that: take the window away, or expect as much at other distances too"
+        f"told by {name}): a decentred element, a window in front of the lens, or a pupil off the axis; {_option(fit)}"
+        "take a window away, or expect as much at other distances too"
     )
     return [Finding("not_symmetric", values, True, sentence)]
+
+
+def _option(fit: Fit) -> str:
+    tried = LENS_FIELD.name in fit.structure.extras
+    return "no model here holds that: " if tried else "--lens-field holds part of it; "
 
 
 def score_test(fit: Fit, columns: Columns) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from fisheye_ep_calib.calibration.assessing.asymmetry import not_symmetric
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
 from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.assessing.near_far import NearFarSplit, near_far, near_far_advice, split_near_far
+from fisheye_ep_calib.calibration.assessing.structured_views import structured_views
 from fisheye_ep_calib.calibration.assessing.target_findings import board_bent, board_scale, squares_counted, units
 from fisheye_ep_calib.calibration.assessing.two_cameras import PARAMETERS, two_cameras
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
@@ -77,6 +78,7 @@ def diagnose(
         *squares_counted(fit),
         *units(distance, camera),
         *_view_changes(fit),
+        *structured_views(fit, names),
         _few_views(len(fit.sightings.images)),
         *not_symmetric(fit),
         *(() if board is None else (board_bent(board), board_scale(board))),

@@ -18,6 +18,7 @@ from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.estimating.joint_posterior import LENS_GROUPS
 from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHUTTER, VIEW_GROUPS
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 from fisheye_ep_calib.target.shape.basis import SMOOTH_GROUPS
 from fisheye_ep_calib.target.shape.model import GROUPS, ROUGH_GROUPS
 
@@ -30,8 +31,8 @@ class ErrorBudget:
     """Root mean squares of (dx, dy) like ``rms_px``, so that a noise of σ a coordinate counts √2 σ.
 
     corner_noise_px: what is left. board_px: the target's smooth shape. board_rough_px: single points that are off.
-    lens_px: what the lens model leaves. view_px: what differs from view to view. rolling: whether that is a motion
-    while the shutter rolls.
+    lens_px: what a lens model that is symmetric leaves. view_px: what differs from view to view. rolling: whether that
+    is a motion while the shutter rolls. lens_field: whether the camera has a field that is not symmetric.
     """
 
     corner_noise_px: float
@@ -40,10 +41,11 @@ class ErrorBudget:
     lens_px: float
     view_px: float
     rolling: bool = False
+    lens_field: bool = False
 
     def to_dict(self) -> dict[str, float]:
         """The numbers that programs read."""
-        return {name: value for name, value in asdict(self).items() if name != "rolling"}
+        return {name: value for name, value in asdict(self).items() if name.endswith("_px")}
 
     @property
     def sentence(self) -> str:
@@ -51,7 +53,7 @@ class ErrorBudget:
         shares = {
             "board": self.board_px,
             "points": self.board_rough_px,
-            "lens": self.lens_px,
+            "held lens" if self.lens_field else "lens": self.lens_px,
             "motion" if self.rolling else "flex": self.view_px,
         }
         source, most = max(shares.items(), key=lambda item: item[1])
@@ -68,6 +70,8 @@ _ADVICE = {
     "camera where that predicts better",
     "points": "single points of your board are off ({:.2f} px): print it anew, larger or with a better printer",
     "lens": "your lens limits you ({:.2f} px): it is not symmetric about its axis; --lens-field describes that",
+    "held lens": "your lens limits you ({:.2f} px): it is not symmetric about its axis; the lens field beside it takes "
+    "that up as far as views agree",
     "flex": "your board bends between views ({:.2f} px): use a stiff one",
     "motion": "camera or board moved while the shutter rolled ({:.2f} px): hold both still, or use a tripod",
 }
@@ -92,4 +96,5 @@ def error_budget(fit: Fit) -> ErrorBudget:
         share(LENS_GROUPS),
         share(VIEW_GROUPS),
         bool(best == 1 and variances.deviation[[found.index(name) for name in SHUTTER]].any()),
+        LENS_FIELD.name in fit.structure.extras,
     )

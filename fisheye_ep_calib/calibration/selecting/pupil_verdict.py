@@ -5,6 +5,10 @@ how much E changes from one model to another of what else may have moved the poi
 
     σ_tot² = max(σ_posterior, σ_views)² + Var over models of E,      E from the likeliest of them
 
+The angle is the one where a pupil would be clearest, whatever its size: where a θ², the leading term of every lens that
+is symmetric about its axis, is largest against σ_posterior. It follows from where the views are and not from what they
+say, so that looking at it is one test and not many.
+
 σ_views is the sandwich over views (Cameron and Miller, J. Human Resources 50, 2015). Supported: |E| > 3 σ_tot, and the
 nested test that lets residuals of a view correlate agrees. E > 0 is the sign that no lens has: it takes 10 σ_tot.
 """
@@ -22,7 +26,7 @@ from fisheye_ep_calib.calibration.selecting.nested_tests import nested_test
 from fisheye_ep_calib.camera.parameters import pupil_names
 
 SUPPORTED, DOUBTFUL, NOT_DISTINGUISHABLE = "supported", "doubtful", "not distinguishable"
-JUDGED_AT = np.radians(60)  # or the largest angle seen, where that is less
+_ANGLES = np.linspace(0.2, 1.0, 33)  # of the largest angle seen: where a pupil may be judged
 _CLAIM, _DOUBT = 3.0, 2.0  # σ_tot
 _WRONG_SIGN = 10.0  # σ_tot for E > 0
 _SIGNIFICANCE = 0.01  # of the clustered test
@@ -99,8 +103,7 @@ class PupilVerdict:
 
 def judge(pupil: Fit, central: Fit) -> PupilVerdict:
     """The verdict on a fit with a pupil, beside the same with a single viewpoint."""
-    theta = float(min(JUDGED_AT, pupil.largest_angle))
-    posterior, over_views = _sigmas(pupil, theta)
+    theta, posterior, over_views = _clearest(pupil)
     models = _models(pupil, theta, posterior)
     likeliest = min(models, key=lambda each: each.deviance)
     verdict = PupilVerdict(
@@ -141,20 +144,24 @@ def _answered(verdict: PupilVerdict) -> PupilVerdict:
     return replace(verdict, answer=answer, kept=answer == SUPPORTED)
 
 
-def _sigmas(fit: Fit, theta: float) -> tuple[float, float]:
-    """σ of E(θ), metres, from the noise and from the scatter over views; infinite where the data leave it open."""
-    camera = fit.state.camera
+def _clearest(fit: Fit) -> tuple[float, float, float]:
+    """The angle, rad, where a pupil would be clearest, and σ of E there, metres: of noise and of views' scatter.
+
+    The largest angle seen and infinite σ where the data leave E open.
+    """
+    camera, angles = fit.state.camera, fit.largest_angle * _ANGLES
     names, _ = fit.shared_parameters
-    row = np.zeros(len(names))
-    basis = camera.pupil_family.basis(np.array(theta), len(camera.coefficients))
-    row[[names.index(name) for name in pupil_names(len(basis))]] = basis
+    basis = camera.pupil_family.basis(angles, len(camera.coefficients))
+    rows = np.zeros((len(angles), len(names)))
+    rows[:, [names.index(name) for name in pupil_names(len(basis))]] = basis.T
     try:
         _, independent = independent_covariance(fit)
         robust = view_robust_covariance(fit.settled)
     except np.linalg.LinAlgError:
-        return np.inf, np.inf
-    posterior, views = fit.clustering * (row @ independent @ row), row @ robust @ row
-    return _root(posterior), _root(views)
+        return float(angles[-1]), np.inf, np.inf
+    posterior = [_root(fit.clustering * (row @ independent @ row)) for row in rows]
+    best = int(np.argmax(angles**2 / np.maximum(posterior, 1e-300)))
+    return float(angles[best]), posterior[best], _root(rows[best] @ robust @ rows[best])
 
 
 def _root(variance: float) -> float:
