@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fisheye_ep_calib.camera import KNOWN_EXTRAS, KNOWN_LENSES, LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
+from fisheye_ep_calib.camera.extras.tangential import TANGENTIAL
 from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 from fisheye_ep_calib.errors import InputError
@@ -43,6 +44,17 @@ class Structure:
         """A camera that is known, held."""
         terms, extras = len(camera.coefficients) or None, tuple(camera.extras)
         return Structure(camera.model, terms, camera.lens, True, extras, board_shape, held=True)
+
+    @property
+    def estimated(self) -> Structure:
+        """The same with the camera estimated.
+
+        Kannala and Brandt's lens with tangential terms takes the place of other calibrators', which are held alone.
+        """
+        extras = tuple(name for name in self.extras if name in LENS_EXTRAS)
+        if extras != self.extras:
+            extras = tuple(dict.fromkeys((*extras, TANGENTIAL.name)))
+        return replace(self, held=False, lens=self.lens if self.lens in LENSES else LENS, extras=extras)
 
     def __post_init__(self) -> None:
         if self.model not in PUPIL_FAMILIES:
@@ -96,8 +108,8 @@ class Structure:
     def camera_like(self, other: FisheyeCamera, largest_angle: float = np.pi / 2) -> FisheyeCamera:
         """This structure's camera with every parameter that it shares with another's; the rest starts at zero.
 
-        A pupil of other terms, and a lens of fewer, start where their curves come nearest to the other's up to the
-        largest angle, rad: a series cut short is another curve.
+        A pupil of other terms, and a lens of fewer or in place of one that is only held, start where their curves come
+        nearest to the other's up to the largest angle, rad: a series cut short is another curve.
         """
         start = self.camera(other.image_size, np.array([other.fx, other.fy]), np.array([other.cx, other.cy]))
         shared = dict(zip(other.parameter_names, other.parameters, strict=True))
@@ -106,7 +118,7 @@ class Structure:
             for name in pupil_names(len(other.coefficients)):
                 del shared[name]
             shared |= zip(pupil_names(self.pupil_terms), self._pupil_like(other, theta), strict=True)
-        if _is_series_cut_short(self.lens, other.lens):
+        if _is_series_cut_short(self.lens, other.lens) or (self.lens == LENS and other.lens not in LENSES):
             names = KNOWN_LENSES[self.lens].coefficient_names
             columns = start.lens_model.radius_jacobian(theta, start.radial_array).T
             radial = np.linalg.lstsq(columns, other.radius(theta) - theta, rcond=None)[0]

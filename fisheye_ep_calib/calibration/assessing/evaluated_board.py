@@ -164,9 +164,9 @@ def _with_own_shape(fit: Fit) -> Fit | None:
 
 
 def _other_camera(fit: Fit) -> CrossValidation | None:
-    """What a camera of the same structure that is fitted to these views makes of those left out."""
+    """What a camera of the same kind that is fitted to these views makes of those left out."""
     try:
-        return cross_validate(refine(fit, replace(fit.structure, held=False)))
+        return cross_validate(refine(fit, fit.structure.estimated))
     except (CalibrationError, np.linalg.LinAlgError):
         return None
 

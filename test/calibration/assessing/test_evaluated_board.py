@@ -61,26 +61,52 @@ def test_no_shape_hides_a_wrong_camera(name, change, calibrated) -> None:
     assert evaluate(wrong, views_of(*OTHERS[name])).verdict.level == BAD
 
 
-def test_a_camera_that_a_stretched_board_would_excuse_is_not_excused() -> None:
-    """Boards that all stand upright: fy that is 1 % off looks like paper that is 1 % longer in x."""
+def upright_boards() -> np.ndarray:
+    """Poses that all stand upright: fy that is 1 % off looks like paper that is 1 % longer in x."""
     rng = np.random.default_rng(5)
-    upright = [
-        look_pose(
-            BOARD,
-            np.radians(rng.uniform(0, 70)),
-            rng.uniform(0, 2 * np.pi),
-            rng.uniform(0.15, 0.3),
-            np.radians(rng.uniform(0, 40)),
-            rng.uniform(0, 2 * np.pi),
-            0.0,
-        )
-        for _ in range(12)
-    ]
-    views = seen(CAMERA, BOARD.object_points, np.array(upright))
-    judged = evaluate(replace(CAMERA, fy=1.01 * CAMERA.fy), views)
+    return np.array(
+        [
+            look_pose(
+                BOARD,
+                np.radians(rng.uniform(0, 70)),
+                rng.uniform(0, 2 * np.pi),
+                rng.uniform(0.15, 0.3),
+                np.radians(rng.uniform(0, 40)),
+                rng.uniform(0, 2 * np.pi),
+                0.0,
+            )
+            for _ in range(12)
+        ]
+    )
+
+
+_PINHOLE = replace(CAMERA, model="kannala", coefficients=(), lens="perspective", radial=(), theta_max=np.radians(75))
+CAMERAS = {
+    "own": CAMERA,
+    "plumb_bob": replace(
+        _PINHOLE, fx=700.0, fy=702.0, extras={"brown_conrady": (-0.02, 0.002, 5e-4, -3e-4, *(0.0,) * 8)}
+    ),
+    "cahvore": replace(CAMERA, lens="cahvore", radial=(0.2, 0.01, -0.01, 0.001), theta_max=np.radians(100)),
+}
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_a_camera_that_a_stretched_board_would_excuse_is_not_excused(name) -> None:
+    """Of any kind, those of other calibrators among them, which are held and never estimated."""
+    camera = CAMERAS[name]
+    views = seen(camera, BOARD.object_points, upright_boards())
+    judged = evaluate(replace(camera, fy=1.01 * camera.fy), views)
     assert judged.chosen.source == "file" and judged.chosen.ambiguous and judged.rms_px > 0.4
     assert "so would another camera" in judged.board_words
     assert any(one.name == "board_or_camera" and one.concern for one in judged.findings)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_beside_the_right_camera_a_stretched_board_is_seen(name) -> None:
+    true = bent(BOARD.object_points, "stretched", 3e-3, 3)
+    views = replace(seen(CAMERAS[name], true, poses_of(12, 9), 0.1, 9), object_points=BOARD.object_points)
+    judged = evaluate(CAMERAS[name], views)
+    assert judged.chosen.source == "estimated" and judged.rms_px < 0.16
 
 
 def test_two_views_take_the_better_of_what_is_known(calibrated) -> None:
