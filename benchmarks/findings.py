@@ -10,6 +10,7 @@ says. The lens field is among what ``auto`` may take: the last columns are what 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
@@ -25,8 +26,10 @@ from fisheye_ep_calib.target.shape.basis import smooth_fields
 from fisheye_ep_calib.target.shape.frame import board_frame
 
 # What changes, 1σ: coefficients of the board's height (mm) and in its plane (mm), the turn (°) and the shift (mm) while
-# the shutter rolls; stretch: of the paper, %. base: the board itself, of board_shape.KINDS.
-NOTHING = {"base": "flat", "flex": 0.0, "in plane": 0.0, "turn": 0.0, "shift": 0.0, "stretch": 0.0}
+# the shutter rolls; stretch: of the paper, %; rough: what every point is off, mm; noise: px. base: the board itself, of
+# board_shape.KINDS.
+NOTHING = {"base": "flat", "stretch": 0.0, "rough": 0.0, "flex": 0.0, "in plane": 0.0, "turn": 0.0, "shift": 0.0}
+NOTHING |= {"noise": NOISE}
 KINDS = {
     "flat": {},
     "bent": {"base": "wave .3"},
@@ -53,18 +56,20 @@ TAKEN = ("skew", "tangential", "tilt", "lens_field")
 FALSE_LIMIT = 0.02  # of each finding on clean sets
 
 
-def draw(kind: str, views: int, seed: int) -> Observations:
-    """What is seen of a board whose file knows nothing of all this."""
-    amounts = NOTHING | KINDS[kind]
-    rng = np.random.default_rng([seed, 78])
+def draw(amounts: Mapping[str, float | str], views: int, seed: int) -> Observations:
+    """What is seen of a board whose file knows nothing of all this; each source has random numbers of its own."""
+    amounts = NOTHING | dict(amounts)
+    still_rng, rough_rng, view_rng, noise_rng = (np.random.default_rng([seed, 78, part]) for part in range(4))
     camera, nominal = camera_of("table 1"), paper_target().object_points
-    still, middle = true_points(amounts["base"], rng), nominal.mean(axis=0)
+    still, middle = true_points(amounts["base"], still_rng), nominal.mean(axis=0)
     still = still + (still - middle) * np.array([0.5, -0.5, 0.0]) * amounts["stretch"] / 100
+    still = still + 1e-3 * amounts["rough"] * rough_rng.normal(0, 1, nominal.shape)
     fields = smooth_fields(board_frame(nominal), nominal, np.ones(len(nominal), bool), 2).value
     image, point, pixels = [], [], []
     for view, pose in enumerate(poses_of(views, seed)):
-        change = 1e-3 * np.concatenate([rng.normal(0, amounts["flex"], 3), rng.normal(0, amounts["in plane"], 8)])
-        twist, speed = np.radians(rng.normal(0, amounts["turn"], 3)), 1e-3 * rng.normal(0, amounts["shift"], 3)
+        change = 1e-3 * view_rng.normal(0, 1, 11) * ([amounts["flex"]] * 3 + [amounts["in plane"]] * 8)
+        twist = np.radians(amounts["turn"]) * view_rng.normal(0, 1, 3)
+        speed = 1e-3 * amounts["shift"] * view_rng.normal(0, 1, 3)
         place = pose[:3, :3] @ middle + pose[:3, 3]
         arms = (still + fields @ change - middle) @ pose[:3, :3].T
         found, valid = camera.project(place + arms)
@@ -72,12 +77,11 @@ def draw(kind: str, views: int, seed: int) -> Observations:
             time = ((found[:, 1:] + 0.5) / camera.image_size[1]) - 0.5
             moved = np.einsum("nij,nj->ni", rotation_from_vector(time * twist), arms) + time * speed
             found, valid = camera.project(place + moved)
-        found = found + rng.normal(0, NOISE, found.shape)
-        valid &= ((found > 0) & (found < np.array(camera.image_size) - 1)).all(axis=-1)
+        valid &= ((found > 2) & (found < np.array(camera.image_size) - 3)).all(axis=-1)
         seen = np.flatnonzero(valid)
         image.append(np.full(len(seen), view))
         point.append(seen)
-        pixels.append(found[seen])
+        pixels.append(found[seen] + amounts["noise"] * noise_rng.normal(0, 1, (len(seen), 2)))
     parts = (np.concatenate(each) for each in (image, point, pixels))
     return Observations.create(nominal, *parts, camera.image_size)
 
@@ -86,7 +90,7 @@ def one_draw(task: tuple[str, str, int, int]) -> tuple[list[bool], list[float]]:
     """Which of TOLD are raised and which of TAKEN are kept; gains of board_flexes and rolling_shutter."""
     model, kind, views, seed = task
     options = {"lens_field": True} if model == "auto" else {"skew": True, "board_shape": "auto"}
-    result = calibrate(draw(kind, views, seed), model, **options)
+    result = calibrate(draw(KINDS[kind], views, seed), model, **options)
     raised = {each.name for each in result.findings if each.concern}
     structure = result.fit.structure
     kept = {*structure.extras, *(("skew",) if structure.skew else ())}
