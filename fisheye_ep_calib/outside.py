@@ -14,6 +14,7 @@ from fisheye_ep_calib.plain_text import one_line
 _FLAGS = os.O_RDONLY
 for _name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY"):  # a pipe nobody writes to is opened at once
     _FLAGS |= getattr(os, _name, 0)
+_BLOCK = 2**20
 _SLOW_KINDS = {
     stat.S_IFIFO: "a pipe",
     stat.S_IFCHR: "a device",
@@ -27,7 +28,7 @@ def open_outside(path: str | PathLike[str], kind: str = "") -> BinaryIO:
 
     Pipes, devices, sockets and folders are refused without waiting for them. Raises InputError.
     """
-    descriptor = _descriptor(path, kind)
+    descriptor, _ = _descriptor(path, kind)
     try:
         return os.fdopen(descriptor, "rb")
     except BaseException:
@@ -37,11 +38,12 @@ def open_outside(path: str | PathLike[str], kind: str = "") -> BinaryIO:
 
 def read_outside(path: str | PathLike[str], most: int, kind: str = "") -> bytes:
     """The content of a regular file of at most ``most`` bytes, however large it says it is. Raises InputError."""
-    descriptor = _descriptor(path, kind)
+    descriptor, size = _descriptor(path, kind)
     try:
-        content = os.read(descriptor, min(most, os.fstat(descriptor).st_size) + 1)  # a file of /proc says 0
-        while len(content) <= most and (more := os.read(descriptor, most + 1 - len(content))):
-            content += more
+        content = os.read(descriptor, min(most, size) + 1)
+        if len(content) != size or size == 0:  # it grows or shrinks, is larger than one call reads, or lies in /proc
+            while len(content) <= most and (more := os.read(descriptor, min(most + 1 - len(content), _BLOCK))):
+                content += more
     except OSError as error:
         raise InputError(f"{_cannot(path, kind)}: {error.strerror or error}") from None
     finally:
@@ -59,16 +61,17 @@ def read_text_outside(path: str | PathLike[str], most: int, kind: str = "") -> s
         raise InputError(f"{_cannot(path, kind)}: it is no text in UTF-8 (byte {error.start})") from None
 
 
-def _descriptor(path: str | PathLike[str], kind: str) -> int:
-    """Of a regular file, open for reading. Raises InputError."""
+def _descriptor(path: str | PathLike[str], kind: str) -> tuple[int, int]:
+    """Of a regular file, open for reading, and how many bytes it says it has. Raises InputError."""
     try:
         _refuse_special(path, os.stat(path).st_mode, kind)  # opening a device may already do something
         descriptor = os.open(path, _FLAGS)
     except (OSError, ValueError) as error:  # a name may hold a zero byte
         raise InputError(f"{_cannot(path, kind)}: {getattr(error, 'strerror', None) or error}") from None
     try:
-        _refuse_special(path, os.fstat(descriptor).st_mode, kind)
-        return descriptor
+        status = os.fstat(descriptor)
+        _refuse_special(path, status.st_mode, kind)
+        return descriptor, status.st_size
     except BaseException:
         os.close(descriptor)
         raise

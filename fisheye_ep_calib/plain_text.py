@@ -23,6 +23,8 @@ _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 60
 def one_line(text: object, longest: int = LONGEST) -> str:
     """Control characters, line ends and what turns the direction of writing become escapes; the middle of a long text
     is left out."""
+    if type(text) is str and len(text) <= longest and text.isprintable():  # most names of images
+        return text
     line = os.fspath(text) if isinstance(text, os.PathLike) else str(text)
     if isinstance(line, bytes):
         line = line.decode("utf-8", "surrogateescape")

@@ -25,13 +25,13 @@ class Budget:
     def __init__(self) -> None:
         self._bytes = float(_FREE_BYTES)
         self._seconds = _SECONDS
-        self._since = time.process_time()
+        self._since: float | None = None  # of the first look at the clock after the last image
 
     def grow(self, size: int) -> None:
         """A file of so many bytes belongs to the recording."""
         self._bytes += _BYTES_A_BYTE * size
         self._seconds += _SECONDS_A_BYTE * size
-        self._since = time.process_time()
+        self._since = None
 
     @property
     def bytes_left(self) -> int:
@@ -42,12 +42,15 @@ class Budget:
         self._bytes -= size
         if self._bytes < 0:
             raise Spent("it unpacks to far more than recordings do")
-        if time.process_time() - self._since > self._seconds:
+        now = time.process_time()
+        if self._since is None:
+            self._since = now
+        if now - self._since > self._seconds:
             raise Spent(f"{self._seconds:.0f} s of reading led to no further image")
 
     def enter(self, images: int = 1) -> None:
         """So many images were found. Raises Spent."""
-        self._since = time.process_time()
+        self._since = None
         self._bytes -= _ENTRY * images
         if self._bytes < 0:
             raise Spent("its index names more images than it has room for")

@@ -21,6 +21,7 @@ PROGRESSIVE_MARKERS = frozenset({0xC2, 0xC6, 0xCA, 0xCE})  # scans of others cos
 JPEG_BARE_MARKERS = frozenset(range(0xD0, 0xD8)) | {0x01}
 PNM_HEADER = re.compile(rb"P[1-6](?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})\s")
 PNM_HEADER_BYTES = 4096
+PNM_MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6")
 PNG_CHANNELS = {0: 1, 2: 3, 3: 4, 4: 4, 6: 4}
 KINDS = "PNG, JPEG, WebP, BMP, TIFF or PGM"
 
@@ -32,11 +33,12 @@ def check_size(width: int, height: int, content_bytes: int, pixel_bytes: float =
     """
     if width <= 0 or height <= 0:
         raise InputError(f"the image is empty ({width}×{height})")
-    if width * height > MAX_PIXELS:
+    pixels = width * height
+    if pixels > MAX_PIXELS:
         raise InputError(f"the image declares {width}×{height} pixels; at most {MAX_PIXELS} are decoded")
-    if width * height > max(MAX_PIXELS_OF_FEW_BYTES, MAX_PIXELS_A_BYTE * content_bytes):
+    if pixels > MAX_PIXELS_OF_FEW_BYTES and pixels > MAX_PIXELS_A_BYTE * content_bytes:
         raise InputError(f"the image declares {width}×{height} pixels, but holds {content_bytes} bytes only")
-    if width * height * pixel_bytes > MAX_SAMPLE_BYTES:
+    if pixels * pixel_bytes > MAX_SAMPLE_BYTES:
         raise InputError(f"the image declares {width}×{height} pixels of {pixel_bytes:g} bytes, too many")
 
 
@@ -61,23 +63,24 @@ def _not_an_image(content: bytes | memoryview) -> str:
 
 def _size(content: bytes | memoryview) -> tuple[int, int, float] | None:
     """Width, height and bytes a decoded pixel; None where it is an image of no kind that is known."""
-    if content[:8] == b"\x89PNG\r\n\x1a\n":
-        if content[12:16] != b"IHDR":
+    start = bytes(content[:16])  # slices of a view are slow to compare
+    if start[:8] == b"\x89PNG\r\n\x1a\n":
+        if start[12:16] != b"IHDR":
             raise InputError("the PNG has no header")
         width, height, depth, colours = struct.unpack_from(">IIBB", content, 16)
         return width, height, PNG_CHANNELS.get(colours, 4) * max(depth, 8) / 8
-    if content[:3] == b"\xff\xd8\xff":
+    if start[:3] == b"\xff\xd8\xff":
         return _jpeg_size(content)
-    if content[:2] == b"BM":
+    if start[:2] == b"BM":
         return (*_bmp_size(content), 4)
-    if content[:4] in tiff_pages.MAGICS:
+    if start[:4] in tiff_pages.MAGICS:
         first = tiff_pages.pages(content, most=1)
         if not first:
             raise InputError("the TIFF has no page")
         return first[0].width, first[0].height, first[0].pixel_bytes
-    if content[:4] == b"RIFF" and content[8:12] == b"WEBP":
+    if start[:4] == b"RIFF" and start[8:12] == b"WEBP":
         return (*_webp_size(content), 4)
-    if content[:1] == b"P" and content[1:2] in (b"1", b"2", b"3", b"4", b"5", b"6"):
+    if start[:2] in PNM_MAGICS:
         match = PNM_HEADER.match(bytes(content[:PNM_HEADER_BYTES]))
         return (int(match[1]), int(match[2]), 6) if match else None
     return None

@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import os
-from collections.abc import Iterator
-
-import cv2
 
 _STDERR = 2
 
 
-@contextlib.contextmanager
-def quiet_libraries() -> Iterator[None]:
-    """In here OpenCV logs nothing, and nothing reaches stderr: libpng and libjpeg write there by themselves.
+class quiet_libraries:  # noqa: N801  # used as a function, once an image, where a generator would cost more
+    """In here nothing reaches stderr: OpenCV logs its warnings there, libpng and libjpeg write by themselves.
 
     What another thread writes to stderr in these milliseconds is lost too.
     """
-    logs = cv2.utils.logging
-    level = logs.getLogLevel()
-    logs.setLogLevel(logs.LOG_LEVEL_SILENT)
-    kept = _replaced_stderr()
-    try:
-        yield
-    finally:
-        if kept is not None:
-            os.dup2(kept, _STDERR)
-            os.close(kept)
-        logs.setLogLevel(level)
+
+    def __enter__(self) -> None:
+        self._kept = _replaced_stderr()
+
+    def __exit__(self, *_: object) -> None:
+        if self._kept is not None:
+            os.dup2(self._kept, _STDERR)
+            os.close(self._kept)
 
 
 def _replaced_stderr() -> int | None:

@@ -177,7 +177,7 @@ def open_recording(
     scratch = Scratch()
     recording = Recording((), scratch=scratch)
     try:
-        recording = Recording(*find_sources(names, scratch.path), scratch=scratch)
+        recording = Recording(*find_sources(names, scratch), scratch=scratch)
         if strict and recording.problems:
             raise InputError(_first_of(recording.problems))
         if not recording.image_topics():

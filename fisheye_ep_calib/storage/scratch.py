@@ -24,21 +24,33 @@ _YOUNG_SECONDS = 60.0  # a folder without a lock was made just now, or is an old
 
 
 class Scratch:
-    """A folder of this program's own; its lock tells that it lives. Making one removes what killed programs left."""
+    """A folder of this program's own, made when it is first asked for; its lock tells that the program lives.
+
+    Making one removes what killed programs left.
+    """
 
     def __init__(self) -> None:
-        remove_abandoned(Path(tempfile.gettempdir()))
-        self.path = Path(tempfile.mkdtemp(prefix=PREFIX))
-        self._lock: BinaryIO | None = open_own(self.path / LOCK)
-        if fcntl is not None:
-            with contextlib.suppress(OSError):  # a file system without locks
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._path: Path | None = None
+        self._lock: BinaryIO | None = None
+
+    @property
+    def path(self) -> Path:
+        if self._path is None:
+            remove_abandoned(Path(tempfile.gettempdir()))
+            self._path = Path(tempfile.mkdtemp(prefix=PREFIX))
+            self._lock = open_own(self._path / LOCK)
+            if fcntl is not None:
+                with contextlib.suppress(OSError):  # a file system without locks
+                    fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return self._path
 
     def close(self) -> None:
         """Remove the folder with all that is in it."""
+        path, self._path = self._path, None
         lock, self._lock = self._lock, None
+        if path is not None:
+            shutil.rmtree(path, ignore_errors=True)
         if lock is not None:
-            shutil.rmtree(self.path, ignore_errors=True)
             lock.close()
 
     def __del__(self) -> None:

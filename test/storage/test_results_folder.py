@@ -138,12 +138,12 @@ def test_what_killed_programs_unpacked_is_removed_and_what_lives_stays(tmp_path,
     left = tmp_path / ended.stdout.strip()
     assert (left / ".owner").exists()
     lives = Scratch()
-    assert left.exists()  # it may have been made just now
+    assert lives.path.exists() and left.exists()  # it may have been made just now
     for folder in (left, lives.path):
         os.utime(folder, (0, 0))
     (tmp_path / "fisheye_ep_calib_link").symlink_to("/")
     other = Scratch()
-    assert not left.exists() and lives.path.exists() and other.path.exists()
+    assert other.path.exists() and not left.exists() and lives.path.exists()
     lives.close()
     other.close()
     assert [path.name for path in tmp_path.iterdir()] == ["fisheye_ep_calib_link"]

@@ -65,6 +65,7 @@ class BagFile(BagSource):
         self._connections: dict[int, str] = {}
         self._known_connections: set[int] = set()
         self._cached_chunk: tuple[int, bytes] = (0, b"")
+        self._plain_chunk = (0, 0)  # the position of the last one that is not packed, and of its data
         self._size = path.stat().st_size
 
     def list_images(self) -> None:
@@ -219,8 +220,11 @@ class BagFile(BagSource):
         try:
             if self._cached_chunk[0] == position:
                 return self._message(BytesIO(self._cached_chunk[1]), offset, topic, entry)
+            if self._plain_chunk[0] == position:
+                return self._message(stream, self._plain_chunk[1] + offset, topic, entry)
             chunk = _record_at(stream, position)
             if chunk.text("compression") == "none":
+                self._plain_chunk = (position, chunk.data)
                 return self._message(stream, chunk.data + offset, topic, entry)
             self._cached_chunk = (position, self._chunk_content(stream, chunk))
             return self._message(BytesIO(self._cached_chunk[1]), offset, topic, entry)

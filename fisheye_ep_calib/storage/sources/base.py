@@ -15,7 +15,7 @@ from fisheye_ep_calib.outside import open_outside
 from fisheye_ep_calib.plain_text import one_line
 from fisheye_ep_calib.storage.budget import Budget, Spent
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress
-from fisheye_ep_calib.storage.image_header import check_size
+from fisheye_ep_calib.storage.image_header import MAX_PIXELS_OF_FEW_BYTES, check_size
 from fisheye_ep_calib.storage.images import as_bytes, decoded_file, grey_image, grey_of_samples
 from fisheye_ep_calib.storage.messages import Message, deserialize
 from fisheye_ep_calib.storage.pictures import Picture, decode_compressed_picture, decode_picture
@@ -162,7 +162,9 @@ class BagSource(Source):
             content = decompress(content, "zstd", MAX_MESSAGE_BYTES)
         message = deserialize(content, self.topics[topic], self.encodings[topic])
         if self.topics[topic] == IMAGE:
-            check_size(int(message.width), int(message.height), self._bytes_on_disk)
+            width, height = int(message.width), int(message.height)
+            if width * height > MAX_PIXELS_OF_FEW_BYTES:
+                check_size(width, height, self._bytes_on_disk)
         return message
 
     def grey(self, topic: str, entry: Entry) -> np.ndarray:

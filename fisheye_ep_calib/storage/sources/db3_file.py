@@ -16,6 +16,7 @@ from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, BagSource, 
 from fisheye_ep_calib.storage.sources.open_files import note_use
 
 _TABLES = ("topics", "messages")
+_MESSAGE = "SELECT CASE WHEN typeof(data) = 'blob' AND length(data) <= ? THEN data END FROM messages WHERE id = ?"
 _MOST_COLUMNS = 100
 _STEPS = 100_000  # of SQLite's machine, between two looks at the clock
 _SECONDS = 10.0  # of processor time without a row
@@ -28,7 +29,7 @@ class Db3File(BagSource):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._asked = time.process_time()
+        self._asked: float | None = None  # when SQLite first asked whether it may go on, since the last row
 
     def list_images(self) -> None:
         self._refuse_programs()
@@ -105,7 +106,7 @@ class Db3File(BagSource):
                     return False  # pages that lead back to one another
                 last = row[0]
                 self.budget.enter()
-                self._asked = time.process_time()
+                self._asked = None
                 if all(isinstance(value, int) for value in row):
                     rows.append(row)
                 else:
@@ -160,17 +161,18 @@ class Db3File(BagSource):
 
     def _may_go_on(self) -> bool:
         """Asked by SQLite every so many steps; true ends what it does, with an error."""
-        return time.process_time() - self._asked > _SECONDS
+        now = time.process_time()
+        if self._asked is None:
+            self._asked = now
+        return now - self._asked > _SECONDS
 
     def read(self, topic: str, entry: Entry) -> bytes:
         try:
-            size_query = "SELECT length(data), typeof(data) FROM messages WHERE id = ?"
-            self._asked = time.process_time()
-            size, kind = self._connection().execute(size_query, entry.location).fetchone() or (0, "")
-            if kind != "blob" or size > self._most_bytes:
-                raise InputError("the message is damaged")
-            query = "SELECT data FROM messages WHERE id = ?"
-            content: bytes = self._connection().execute(query, entry.location).fetchone()[0]
+            self._asked = None
+            row = self._connection().execute(_MESSAGE, (self._most_bytes, *entry.location)).fetchone()
         except (sqlite3.Error, OverflowError) as error:
             raise InputError(f"the message is damaged ({error})") from None
+        if row is None or row[0] is None:
+            raise InputError("the message is damaged")
+        content: bytes = row[0]
         return content

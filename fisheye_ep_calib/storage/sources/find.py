@@ -16,6 +16,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.outside import open_outside
 from fisheye_ep_calib.storage.budget import Budget
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
+from fisheye_ep_calib.storage.scratch import Scratch
 from fisheye_ep_calib.storage.sources.base import BagSource, Source
 from fisheye_ep_calib.storage.sources.copies import without_copies
 from fisheye_ep_calib.storage.sources.image_archive import archive_stem, is_archive, unpack_images
@@ -78,10 +79,10 @@ class Found(NamedTuple):
     notes: list[str]
 
 
-def find_sources(paths: Sequence[str | os.PathLike[str]], scratch: Path) -> Found:
+def find_sources(paths: Sequence[str | os.PathLike[str]], scratch: Scratch) -> Found:
     """The sources that ``paths`` name.
 
-    scratch: a folder for what must be decompressed before it can be read. Raises InputError where nothing is.
+    scratch: the place of what must be decompressed before it can be read. Raises InputError where nothing is.
     """
     if not paths:
         raise InputError("no recording is named")
@@ -162,8 +163,8 @@ def _images_within(folder: Path) -> list[ImageFolder]:
     return folders
 
 
-def _images_of_archive(path: Path, scratch: Path, problems: list[str], budget: Budget) -> list[ImageFolder]:
-    folder = scratch / f"{len(list(scratch.iterdir()))}_images"
+def _images_of_archive(path: Path, scratch: Scratch, problems: list[str], budget: Budget) -> list[ImageFolder]:
+    folder = scratch.path / f"{len(list(scratch.path.iterdir()))}_images"
     unpack_images(path, folder, problems, budget)
     name = archive_stem(path)
     return [
@@ -173,7 +174,7 @@ def _images_of_archive(path: Path, scratch: Path, problems: list[str], budget: B
 
 
 def _sources_of_bag_folder(
-    folder: Path, bags: list[Path], scratch: Path, problems: list[str], budget: Budget
+    folder: Path, bags: list[Path], scratch: Scratch, problems: list[str], budget: Budget
 ) -> list[Source]:
     """The files of a rosbag2 folder, or ROS 1 bags side by side; an unreadable one spares the others."""
     damage: list[str] = []
@@ -219,7 +220,7 @@ def bag_suffix(path: Path) -> str:
     return suffix if suffix in BAG_FORMATS else ""
 
 
-def _open_bag(path: Path, scratch: Path, problems: list[str], budget: Budget) -> Source:
+def _open_bag(path: Path, scratch: Scratch, problems: list[str], budget: Budget) -> Source:
     """A bag by what its first bytes say it is, or else by its name."""
     start = _first_bytes(path)
     if not start:
@@ -244,9 +245,9 @@ def _first_bytes(path: Path) -> bytes:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
 
 
-def _decompressed(path: Path, scratch: Path, problems: list[str], budget: Budget) -> Path:
+def _decompressed(path: Path, scratch: Scratch, problems: list[str], budget: Budget) -> Path:
     """A .zstd file's content as a file in ``scratch``."""
-    destination = scratch / f"{len(list(scratch.iterdir()))}_{path.stem}"
+    destination = scratch.path / f"{len(list(scratch.path.iterdir()))}_{path.stem}"
     problem = decompress_file(path, destination, budget)
     if problem:
         problems.append(problem)
