@@ -6,6 +6,7 @@ What a worker that dies had in hand is looked at again by another one, so that i
 from __future__ import annotations
 
 import logging
+import os
 import pickle
 import re
 import sys
@@ -20,8 +21,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.collection.look import Job, failed_on
+from fisheye_ep_calib.collection.look_in_time import LookInTime
 from fisheye_ep_calib.collection.results import FrameResult
-from fisheye_ep_calib.collection.workers import Job, failed_on, look
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
@@ -249,14 +251,23 @@ def _what_is_missing(paths: list[str]) -> str:
 
 
 _mine = threading.local()  # a worker may look with several threads; an open file has one position
+_GOODBYE_SECONDS = 10.0  # in which an answer is fetched
 
 
 def _look(search: str, payload: bytes, job: Job) -> FrameResult:
+    """Where an image takes without end its answer is that, and the worker ends: its nanny starts another one."""
     cv2.setNumThreads(1)
     if getattr(_mine, "search", None) != search:
         if hasattr(_mine, "recording"):
+            _mine.here.close()
             _mine.recording.close()
         _mine.recording, target = pickle.loads(payload)
-        _mine.detector = target.detector()
+        _mine.here = LookInTime(_mine.recording, target)
         _mine.search = search
-    return look(_mine.recording, _mine.detector, job)
+    here: LookInTime = _mine.here
+    result = here.look(job)
+    if here.given_up == 1:
+        goodbye = threading.Timer(_GOODBYE_SECONDS, os._exit, (1,))
+        goodbye.daemon = True
+        goodbye.start()
+    return result

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.collection.detection_log import DetectionLog, search_key
+from fisheye_ep_calib.collection.look import Job
 from fisheye_ep_calib.collection.pool import frame_pool
 from fisheye_ep_calib.collection.progress import OnProgress, Progress, unheard
 from fisheye_ep_calib.collection.results import DetectionRun, FrameResult, sizes_differ, usual_size, without_strays
-from fisheye_ep_calib.collection.workers import Job
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.planning.image_choice import FrameChoice, first_look, first_moments, next_look, next_moments
 from fisheye_ep_calib.planning.nothing_found import worth_a_look

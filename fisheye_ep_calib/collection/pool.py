@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Protocol
 
+from fisheye_ep_calib.collection.look import Job
 from fisheye_ep_calib.collection.results import FrameResult
-from fisheye_ep_calib.collection.workers import FrameWorkers, Job
+from fisheye_ep_calib.collection.workers import FrameWorkers
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.target.base import Target
 

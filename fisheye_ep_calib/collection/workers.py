@@ -9,25 +9,23 @@ import contextlib
 import os
 import pickle
 import struct
-import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
+from fisheye_ep_calib.collection.look import ENDLESS, Job, failed_on, limits, look
+from fisheye_ep_calib.collection.look_in_time import LookInTime
 from fisheye_ep_calib.collection.results import FrameResult
-from fisheye_ep_calib.errors import InputError, first_line
+from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.storage.scratch import Scratch
 from fisheye_ep_calib.target.base import Target
-from fisheye_ep_calib.target.detection import Detection, Detector
-from fisheye_ep_calib.target.second_look import look_again
+from fisheye_ep_calib.target.detection import Detector
 from fisheye_ep_calib.worker_processes import (
     KnownProcesses,
     deaf_to_interrupts,
@@ -36,24 +34,8 @@ from fisheye_ep_calib.worker_processes import (
     prepare_worker,
 )
 
-# Seconds of processor time for one image: to read it, and to look at it, the latter and so much for each pixel.
-READ_SECONDS, LOOK_SECONDS, SECONDS_A_PIXEL = 15.0, 8.0, 1e-6
 _SEARCH, _NOTES, _NOTE = "search", "notes", struct.Struct("<qq")  # a note: process, number of the image
 QUEUED_A_WORKER = 6  # images, so that workers go on while the next round is planned
-
-
-@dataclass(frozen=True)
-class Job:
-    """One image to look at; with ``camera`` and ``camera_from_target`` (4, 4), where they say to look again.
-
-    first: what was found before, then.
-    """
-
-    topic: str
-    index: int
-    camera: Any = None
-    camera_from_target: np.ndarray | None = None
-    first: Detection = field(default_factory=Detection)
 
 
 class FrameWorkers:
@@ -65,7 +47,8 @@ class FrameWorkers:
             raise InputError(f"the number of workers must not be negative, but is {workers}")
         self._recording = recording
         self._target = target
-        self._detector = target.detector()
+        target.detector()
+        self._here: LookInTime | None = None
         self._workers = workers
         self._pool: ProcessPoolExecutor | None = None
         self._processes = KnownProcesses()
@@ -100,6 +83,9 @@ class FrameWorkers:
             self._running.clear()
             self._ready.clear()
             self._end_pool()
+            if self._here is not None:
+                self._here.close()
+                self._here = None
             if self._scratch is not None:
                 self._scratch.close()
                 self._scratch = None
@@ -108,7 +94,9 @@ class FrameWorkers:
         threads = cv2.getNumThreads()
         cv2.setNumThreads(1)
         try:
-            return look(self._recording, self._detector, job)
+            if self._here is None:
+                self._here = LookInTime(self._recording, self._target)
+            return self._here.look(job)
         finally:
             cv2.setNumThreads(threads)
 
@@ -143,7 +131,7 @@ class FrameWorkers:
         self._running.clear()
         overdue = self._overdue()
         for job in (job for job in unfinished if job in overdue):
-            self._ready.append(failed_on(self._recording, job, "looking at it takes without end; left out"))
+            self._ready.append(failed_on(self._recording, job, ENDLESS))
         if overdue:
             self._waiting.extendleft(job for job in reversed(unfinished) if job not in overdue)
             return
@@ -174,7 +162,7 @@ class FrameWorkers:
                 self._workers,
                 mp_context=self._processes,
                 initializer=_initialize,
-                initargs=(self._files(), READ_SECONDS, LOOK_SECONDS),
+                initargs=(self._files(), limits()),
             )
         with inherited_by_workers(self._needs_main):  # which the pool starts when it is given work
             self._numbers.append(job)
@@ -198,60 +186,14 @@ class FrameWorkers:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def look(
-    recording: Recording,
-    detector: Detector,
-    job: Job,
-    limits: tuple[float, float] = (READ_SECONDS, LOOK_SECONDS),
-    allow: Callable[[float], None] = lambda seconds: None,
-) -> FrameResult:
-    """Read, decode and search one image; a bad image is a result too.
-
-    limits: seconds for reading and for looking, of which ``allow`` is told as each begins.
-    """
-    frame = recording.frame(job.topic, job.index)
-    started = time.perf_counter()
-    allow(limits[0])
-    try:
-        image = frame.image() if job.camera_from_target is None else frame.levels()
-    except InputError as error:
-        return failed_on(recording, job, str(error), time.perf_counter() - started)
-    read = time.perf_counter()
-    allow(limits[1] + SECONDS_A_PIXEL * image.size)
-    try:
-        if job.camera_from_target is None:
-            detection = detector.detect(image)
-        else:
-            detection = look_again(detector, image, job.camera, job.camera_from_target, job.first)
-    except Exception as error:  # one strange image must not cost the others
-        message = f"{type(error).__name__}: {first_line(error)}"
-        return failed_on(recording, job, f"the detector failed on it ({message})")
-    size = (image.shape[1], image.shape[0])
-    return FrameResult(
-        job.topic,
-        job.index,
-        frame.stamp_ns,
-        frame.name,
-        size,
-        detection,
-        read_seconds=read - started,
-        detect_seconds=time.perf_counter() - read,
-    )
-
-
-def failed_on(recording: Recording, job: Job, error: str, seconds: float = 0.0) -> FrameResult:
-    frame = recording.frame(job.topic, job.index)
-    return FrameResult(job.topic, job.index, frame.stamp_ns, frame.name, None, Detection(), error, read_seconds=seconds)
-
-
 _process: tuple[Recording, Detector] | None = None
 _note = -1  # descriptor of the file of notes
-_limits = (READ_SECONDS, LOOK_SECONDS)
+_limits = limits()
 
 
-def _initialize(folder: str, *limits: float) -> None:
+def _initialize(folder: str, seconds: tuple[float, float]) -> None:
     global _process, _note, _limits
-    _limits = (limits[0], limits[1])
+    _limits = seconds
     prepare_worker()
     _note = os.open(Path(folder) / _NOTES, os.O_WRONLY | os.O_APPEND)
     with open(Path(folder) / _SEARCH, "rb") as file:

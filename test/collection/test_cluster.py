@@ -13,7 +13,7 @@ import pytest
 from bag_writers import messages, write_folder, write_mcap
 from dask_processes import scheduler
 from dask_processes import workers as any_workers
-from numbered_target import ABSENT, CRASHES, KILLS, SLOW, TARGET, picture
+from numbered_target import ABSENT, CRASHES, ENDLESS, KILLS, SLOW, TARGET, picture
 
 from fisheye_ep_calib.collection import Collector, FrameChoice, cluster
 from fisheye_ep_calib.collection.cluster import ClusterWorkers
@@ -156,3 +156,13 @@ def test_without_the_package_it_is_named(tmp_path, monkeypatch):
     with open_recording(write_folder(tmp_path / "front", [picture()])) as recording:
         with pytest.raises(InputError, match=r"pip install 'fisheye_ep_calib\[cluster\]'"):
             ClusterWorkers(recording, TARGET, "tcp://127.0.0.1:8786")
+
+
+@pytest.mark.slow
+def test_an_image_without_end_is_named_and_its_worker_replaced(tmp_path):
+    pictures = [picture(x=i) for i in range(8)]
+    pictures[3] = picture(ENDLESS)
+    folder = write_folder(tmp_path / "front", pictures)
+    with scheduler(tmp_path) as address, workers(address, 1, nanny=True):
+        run = collect(folder, ["front"], scheduler=address)["front"]
+    assert len(run.views) == 7 and run.unused == {"frame3.png": "looking at it takes without end; left out"}

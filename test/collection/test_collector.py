@@ -16,8 +16,9 @@ from numbered_target import ABSENT, CRASHES, ENDLESS, INTERRUPTS, KILLS, SLOW, T
 
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
 from fisheye_ep_calib.collection.collector import Guide
+from fisheye_ep_calib.collection.look import Job
 from fisheye_ep_calib.collection.results import FrameResult
-from fisheye_ep_calib.collection.workers import FrameWorkers, Job
+from fisheye_ep_calib.collection.workers import FrameWorkers
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.storage.recording import open_recording
 from fisheye_ep_calib.target.detection import Detection
@@ -141,12 +142,13 @@ def test_an_image_that_kills_its_worker_costs_only_itself(tmp_path):
     assert run.unused == {"frame5.png": "a worker process died on it"}
 
 
-def test_an_image_that_takes_without_end_is_left_out_and_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("fisheye_ep_calib.collection.workers.LOOK_SECONDS", 0.5)
+@pytest.mark.parametrize("workers", [0, 2])
+def test_an_image_that_takes_without_end_is_left_out_and_named(tmp_path, monkeypatch, workers):
+    monkeypatch.setattr("fisheye_ep_calib.collection.look.LOOK_SECONDS", 0.5)
     pictures = [picture(x=i) for i in range(12)]
     pictures[3] = pictures[8] = picture(ENDLESS)
     began = time.monotonic()
-    run = collect(write_folder(tmp_path / "front", pictures), ["front"], workers=2)["front"]
+    run = collect(write_folder(tmp_path / "front", pictures), ["front"], workers=workers)["front"]
     assert len(run.views) == 10 and time.monotonic() - began < 60
     assert run.unused == dict.fromkeys(("frame3.png", "frame8.png"), "looking at it takes without end; left out")
 

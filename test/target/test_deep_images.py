@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from registered_targets import CAMERA, IMAGING, named_target
 
-from fisheye_ep_calib.collection.workers import Job, look
+from fisheye_ep_calib.collection.look import Job, look
 from fisheye_ep_calib.simulation import look_pose, render
 from fisheye_ep_calib.simulation.truth import feature_pixels
 from fisheye_ep_calib.storage.grey_levels import to_eight_bits, to_levels
