@@ -18,7 +18,7 @@ export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help environment benchmark demo docs fuzz test test-all lint types clean
+.PHONY: help environment benchmark demo docs floors fuzz test test-all lint types clean
 
 help:
 	@echo "make demo      render two cameras, calibrate them offline and live"
@@ -27,6 +27,7 @@ help:
 	@echo "make test-all  the same with the slow tests"
 	@echo "make docs      the documentation as pages, build/docs/index.html"
 	@echo "make benchmark this beside OpenCV, mrcal and others, in an environment of its own (Python 3.12 or newer)"
+	@echo "make floors    sdist and wheel in empty environments, with the lowest and the newest versions"
 	@echo "make fuzz      changed inputs through every door, MINUTES=10"
 	@echo "make clean     remove the environment and everything built"
 
@@ -84,6 +85,10 @@ test-all: lint
 # Changed inputs through every door, MINUTES=… of them; what fails is kept in .fuzz/.
 fuzz: $(READY)
 	nice $(BIN)/python test/fuzz/run.py $(or $(MINUTES),10)
+
+# Interpreters that are not here are left out with a line.
+floors:
+	@PYTHON="$(PYTHON)" .ci/floors
 
 clean:
 	rm -rf $(VENV) $(PEERS) .colcon build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
