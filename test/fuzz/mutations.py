@@ -74,9 +74,11 @@ def yaml_values(content: bytes, draw: Draw) -> bytes:
     """A value, a key, or the whole replaced; aliases of aliases; scalars that are no plain data."""
     tree = yaml.safe_load(content)
     places: list[tuple[Any, Any]] = []
+    seen: set[int] = set()  # an earlier change may have left aliases of aliases: a billion places of ninety nodes
 
     def visit(node: Any) -> None:
-        if isinstance(node, dict | list):
+        if isinstance(node, dict | list) and id(node) not in seen:
+            seen.add(id(node))
             for key in list(node) if isinstance(node, dict) else range(len(node)):
                 places.append((node, key))
                 visit(node[key])
