@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from dask_processes import scheduler, workers
 
-from fisheye_ep_calib.collection import workers as looking
+from fisheye_ep_calib.collection import look_in_time as looking
 from fisheye_ep_calib.pipeline import calibrating, writing
 from fisheye_ep_calib.storage.observation_file import load_observations
 
@@ -30,11 +30,11 @@ def looked(monkeypatch) -> list:
     count = Looked()
     look = looking.look
 
-    def counted(recording, detector, job):
+    def counted(recording, detector, job, *time):
         if count.stop is not None and len(count) == count.stop:
             raise KeyboardInterrupt
         count.append(job)
-        return look(recording, detector, job)
+        return look(recording, detector, job, *time)
 
     monkeypatch.setattr(looking, "look", counted)
     return count
@@ -104,7 +104,8 @@ def test_results_are_written_though_nobody_reads_the_words(observation_file, tmp
     ended = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     ended.stdout.close()
     _, said = ended.communicate(timeout=120)
-    assert ended.returncode == 0 and not said, said
+    slow = " s so far"  # what a slow machine says meanwhile
+    assert ended.returncode == 0 and all(line.endswith(slow) for line in said.splitlines()), said
     assert {"front.yaml", "calibration.json", "report.html"} <= names(tmp_path / "out")
 
 
