@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.target.another_board import chosen_of, outline
 from fisheye_ep_calib.target.cells import is_regular, local_axes, local_bend, local_pitch, smooth
 from fisheye_ep_calib.target.corners.contrast import detect_stretched
 from fisheye_ep_calib.target.corners.growth import colour_parity, grow_corners
@@ -28,6 +29,7 @@ logger = logging.getLogger(__name__)
 FEWEST_CORNERS = 8  # of a view
 SCALES = (1.0, 0.5, 0.25)  # at which the image is searched
 SMALLEST_SIDE = 200  # pixels of a reduced image
+SECOND_SIDE = 1100  # pixels: another board is looked for in an image reduced to less
 MOSTLY_FOUND = 0.75  # share of the corners that ends the search
 TOO_MANY = 1.5  # times the corners of the target: something else
 NOTHING = np.empty((0, 2), dtype=int), np.empty((0, 2))
@@ -72,13 +74,22 @@ class ChessboardDetector:
         return detect_stretched(self._detect, image)
 
     def _detect(self, image: np.ndarray) -> Detection:
+        best = self._most_complete(image, self._patches(image))
+        if len(best) == 0:
+            return replace(best, reason=why_not(image, best.reason))
+        smallest = max(scale for scale in SCALES if scale * min(image.shape) < SECOND_SIDE or scale == SCALES[-1])
+        rest = _without_board(image, np.vstack([best.pixels, best.rejected]))
+        other = self._most_complete(rest, [self._find(rest, smallest)])
+        return chosen_of(best, other, len(self.lattice))
+
+    def _most_complete(self, image: np.ndarray, patches: list[tuple[np.ndarray, np.ndarray]]) -> Detection:
         best = Detection(reason="board not found")
-        for cells, pixels in self._patches(image):
+        for cells, pixels in patches:
             if len(cells) < 4 or len(cells) <= len(best):
                 break
             completed = self._complete(image, cells, pixels)
             best = max(best, completed, key=lambda detection: (len(detection), len(detection.rejected)))
-        return best if len(best) else replace(best, reason=why_not(image, best.reason))
+        return best
 
     def _patches(self, image: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Patches found in the image and in smaller copies of it, largest first."""
@@ -181,6 +192,13 @@ class ChessboardDetector:
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE + cv2.CALIB_CB_FAST_CHECK
         whole, corners = cv2.findChessboardCorners(image, size, flags=flags)
         return (self.lattice, corners.reshape(-1, 2).astype(float)) if whole else NOTHING
+
+
+def _without_board(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """The image with a plain grey over what is within pixels (k, 2)."""
+    rest = image.copy()
+    cv2.fillConvexPoly(rest, np.rint(outline(pixels)).astype(np.int32), float(np.median(image[::8, ::8])))
+    return rest
 
 
 def _find_part(library: ModuleType, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

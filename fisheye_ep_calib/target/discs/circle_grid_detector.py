@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.target.another_board import MOSTLY_SEEN, chosen_of
 from fisheye_ep_calib.target.cells import smooth
 from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.discs.blobs import WINDOWS, Blobs, discs_are_light, find_blobs, reduced, usual_factor
@@ -160,10 +161,18 @@ class CircleGridDetector:
         lattices = grow_lattices(blobs.center, blobs.shape, self.ratio, int(MOSTLY_FOUND * total))
         # A lattice much larger than the target is something else: a grille, a woven cloth.
         largest = TOO_MANY * total
+        taken = np.empty(0, dtype=int)
         for lattice in [lattice for lattice in lattices if len(lattice) <= largest][:MOST_LATTICES]:
-            if best.score > len(lattice):
+            apart = len(taken) > 0 and len(lattice) >= MOSTLY_SEEN * total and not np.isin(lattice.blob, taken).any()
+            if best.score > len(lattice) and not apart:
                 break
             labelled = self._measure_and_label(image, blobs, lattice)
+            if apart and len(labelled.detection) >= self.fewest:
+                detection = chosen_of(best.detection, labelled.detection, total)
+                best = _Found(max(best.score, labelled.score), detection)
+                continue
+            if labelled.score > best.score and len(labelled.detection):
+                taken = lattice.blob
             best = max(best, labelled, key=lambda candidate: (candidate.score, candidate.detection.reason))
         return best
 
