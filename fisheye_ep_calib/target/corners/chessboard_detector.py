@@ -196,7 +196,7 @@ class ChessboardDetector:
 
 def _without_board(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """The image with a plain grey over what is within pixels (k, 2)."""
-    rest = image.copy()
+    rest: np.ndarray = image.copy()
     cv2.fillConvexPoly(rest, np.rint(outline(pixels)).astype(np.int32), float(np.median(image[::8, ::8])))
     return rest
 

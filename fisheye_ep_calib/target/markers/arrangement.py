@@ -21,7 +21,6 @@ NEIGHBOURS = 6  # of a marker, as the file has them, that are asked
 AGREES = 0.35  # of the distance between two markers: how far the other may lie off
 FITTING = 0.6  # of the board's markers that are seen, that have to lie as one board
 CLEARLY = 1.2  # times as many agreeing neighbours as the file as it is, for another reading of it
-HELD = 2  # neighbours that agree with a marker, for it to tell two readings apart
 
 
 @dataclass(frozen=True)
@@ -42,11 +41,14 @@ class Reading:
 @dataclass(frozen=True)
 class Arrangement:
     """reading: the one that fits, None where none does. chosen (m,) bool: the markers of one board. others: how many
-    markers of another board lie in the same way."""
+    markers of another board lie in the same way. alike: other readings that nearly as many neighbours agree with, and
+    their markers: of an odd number of squares a row, ChArUco's two layouts differ in the rows' ends alone, the rest is
+    moved by one column."""
 
     reading: Reading | None
     chosen: np.ndarray
     others: int = 0
+    alike: tuple[tuple[Reading, np.ndarray], ...] = ()
 
 
 def arrange(place: np.ndarray, corners: np.ndarray, readings: Sequence[Reading]) -> Arrangement:
@@ -62,24 +64,19 @@ def arrange(place: np.ndarray, corners: np.ndarray, readings: Sequence[Reading])
     agreeing = [_agreeing_pairs(reading.marker_points[place], place, corners) for reading in readings]
     support = np.array([len(pairs) for pairs in agreeing])
     best = int(support.argmax())
-    chosen, others = _largest_board(place, agreeing[best])
     if support[best] < CLEARLY * max(int(support[0]), 1):
-        as_it_is = _largest_board(place, agreeing[0])
-        if readings[best].fault or not _holds_more(chosen, as_it_is[0], agreeing[best]):
-            best, (chosen, others) = 0, as_it_is
+        best = 0
     if support[best] == 0:
         return Arrangement(None, nothing)
-    fits = len(np.unique(place[chosen])) >= FITTING * len(np.unique(place))
-    return Arrangement(readings[best], chosen, others) if fits else Arrangement(None, nothing)
-
-
-def _holds_more(board: np.ndarray, other: np.ndarray, pairs: np.ndarray) -> bool:
-    """Whether a board (m,) bool has all markers of another and some that it has not, which several pairs (p, 2) hold.
-
-    Two layouts of an odd number of squares a row differ in the rows' ends alone: the rest is moved by one column.
-    """
-    extra = board & ~other
-    return not (other & ~board).any() and bool((extra[pairs].any(axis=1)).sum() >= HELD * max(int(extra.sum()), 1))
+    chosen, others = _largest_board(place, agreeing[best])
+    if len(np.unique(place[chosen])) < FITTING * len(np.unique(place)):
+        return Arrangement(None, nothing)
+    alike = [
+        (reading, _largest_board(place, pairs)[0])
+        for number, (reading, pairs) in enumerate(zip(readings, agreeing, strict=True))
+        if number != best and not reading.fault and support[best] < CLEARLY * len(pairs)
+    ]
+    return Arrangement(readings[best], chosen, others, tuple(alike))
 
 
 def _agreeing_pairs(metres: np.ndarray, place: np.ndarray, corners: np.ndarray) -> np.ndarray:

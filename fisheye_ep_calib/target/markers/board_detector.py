@@ -19,6 +19,8 @@ from fisheye_ep_calib.target.markers.search import Markers, find_markers
 from fisheye_ep_calib.target.sharpness import why_not
 
 FEWEST_CORNERS = 6  # of a view
+MORE_CORNERS = 2  # than the file as it is, for another reading that as many markers agree with
+MOSTLY_FOUND = 0.97  # of the points of the first look, or of all: the reading is the right one
 
 
 class MarkerBoardDetector:
@@ -60,6 +62,10 @@ class MarkerBoardDetector:
             return Detection(reason=reason, rejected=np.vstack([markers.rejected, markers.corners.mean(axis=1)]))
         chosen = arrangement.chosen
         detection = self._measure(image, board[chosen], place[chosen], reading)
+        for other, also in arrangement.alike:
+            measured = self._measure(image, board[also], place[also], other)
+            if len(measured) >= len(detection) + MORE_CORNERS:
+                detection, reading = measured, other
         remarks = [reading.remark] if reading.remark else []
         if arrangement.others:
             remarks.append("another board with the same markers is in view; the more complete one was taken")
@@ -72,8 +78,16 @@ class MarkerBoardDetector:
         camera_from_target: np.ndarray,
         first: Detection | None = None,
     ) -> Detection:
-        # The colours about the corners are those of any reading, or all exchanged.
-        return find_guided(image, camera, camera_from_target, self.points, self.readings[0].around, first)
+        """Which reading the first look used is not known here: the next one is tried where one finds little."""
+        enough = MOSTLY_FOUND * (len(self.points) if first is None else len(first))
+        best: Detection | None = None
+        for around in {id(reading.around): reading.around for reading in self.readings if not reading.fault}.values():
+            found = find_guided(image, camera, camera_from_target, self.points, around, first)
+            best = found if best is None or len(found) >= len(best) + MORE_CORNERS else best
+            if len(best) >= enough:
+                break
+        assert best is not None  # the file as it is has no fault
+        return best
 
     def _measure(self, image: np.ndarray, board: Markers, place: np.ndarray, reading: Reading) -> Detection:
         points, around = self.points[:, :2], reading.around
