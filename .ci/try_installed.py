@@ -40,7 +40,7 @@ def main() -> None:
     json.loads(run("show", calibrated["yaml"], "--json"))
     run("export", calibrated["yaml"], "--to", "kalibr", "--output", "kalibr.yaml")
     (again,) = calibrate_recording("front", "circle_grid_11x7", model="ep_odd").values()
-    print(f"calibrated: {calibrated['rms_px']:.3f} px, by Python {again.result.rms_px:.3f} px")
+    print(f"calibrated: {calibrated['rms_px']:.3f} px, by Python {again.rms_px:.3f} px")
     run("demo")
     print("demo done")
 

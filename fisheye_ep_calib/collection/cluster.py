@@ -5,6 +5,7 @@ What a worker that dies had in hand is looked at again by another one, so that i
 
 from __future__ import annotations
 
+import asyncio  # whose TimeoutError is another one before Python 3.11
 import logging
 import os
 import pickle
@@ -14,7 +15,9 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -58,15 +61,17 @@ class ClusterWorkers:
         """Have these images looked at; more may be added while others are waited for."""
         self._waiting.extend(jobs)
         if self._client is not None:
-            self._fill()
+            with self._told_when_lost():
+                self._fill()
 
     def next_result(self) -> FrameResult | None:
         """What one of the images shows, in no particular order; None once all have been looked at."""
         while not self._ready and (self._waiting or self._running or self._suspects):
             if self._client is None:
                 self._connect()
-            self._fill()
-            self._gather()
+            with self._told_when_lost():
+                self._fill()
+                self._gather()
         return self._ready.popleft() if self._ready else None
 
     def close(self) -> None:
@@ -97,7 +102,7 @@ class ClusterWorkers:
             versions = {"the scheduler": self._client.run_on_scheduler(_versions)}
             versions |= {f"worker {worker}": found for worker, found in self._client.run(_versions).items()}
             lacking = self._client.run(_what_is_missing, [str(path) for path in self._recording.files()])
-        except TimeoutError:
+        except asyncio.TimeoutError:
             raise InputError(
                 f"the scheduler at {self._scheduler} has no workers; start some with 'dask worker {self._scheduler}'"
             ) from None
@@ -110,6 +115,18 @@ class ClusterWorkers:
         for worker, path in lacking.items():
             if path:
                 raise InputError(f"worker {worker} has no {path}: every worker must see the recording at the same path")
+
+    @contextmanager
+    def _told_when_lost(self) -> Iterator[None]:
+        """Raises CalibrationError for whatever a client raises whose scheduler is gone for good."""
+        try:
+            yield
+        except CalibrationError:
+            raise
+        except Exception as error:
+            if isinstance(error, CancelledError) or self._client.status != "running":
+                raise CalibrationError(f"the scheduler at {self._scheduler} is lost") from None
+            raise
 
     def _fill(self) -> None:
         """Keep the workers busy, with something to go on with at once; what may have killed one comes last, alone."""
@@ -133,7 +150,7 @@ class ClusterWorkers:
                 done = wait(  # type: ignore[no-untyped-call]  # of distributed
                     list(self._running), timeout=CHECK_SECONDS, return_when="FIRST_COMPLETED"
                 ).done
-        except TimeoutError:
+        except asyncio.TimeoutError:
             self._check_alive()
             return
         self._last_seen = time.monotonic()
@@ -174,7 +191,7 @@ class ClusterWorkers:
             return {}
         try:
             return question()
-        except (OSError, TimeoutError):
+        except (OSError, asyncio.TimeoutError):
             return {}
 
 

@@ -166,3 +166,28 @@ def test_an_image_without_end_is_named_and_its_worker_replaced(tmp_path):
     with scheduler(tmp_path) as address, workers(address, 1, nanny=True):
         run = collect(folder, ["front"], scheduler=address)["front"]
     assert len(run.views) == 7 and run.unused == {"frame3.png": "looking at it takes without end; left out"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", ["scheduler", "worker"])
+def test_what_is_lost_for_good_ends_in_one_line_and_is_gone_on_from(tmp_path, monkeypatch, lost):
+    """The processes die as the search is under way; what was found is in the log, and the whole is the same."""
+    monkeypatch.setattr(cluster, "ANSWER_SECONDS", 1)
+    folder = write_folder(tmp_path / "front", [picture(SLOW, x=i % 40) for i in range(16)])
+    whole = collect(folder, ["front"], FrameChoice(every=1), workers=2)["front"]
+    log, started = tmp_path / "log.jsonl", []
+    with scheduler(tmp_path, started) as address, workers(address, 1) as working:
+
+        def kill():
+            end = time.monotonic() + 60
+            while time.monotonic() < end and not (log.exists() and log.read_bytes().count(b"\n") > 4):
+                time.sleep(0.02)
+            os.kill((started if lost == "scheduler" else working)[0].pid, signal.SIGKILL)
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        with pytest.raises(CalibrationError, match="is lost" if lost == "scheduler" else "has no workers any more"):
+            collect(folder, ["front"], FrameChoice(every=1), scheduler=address, log=log)
+        killer.join()
+    assert 4 < log.read_bytes().count(b"\n") < 16
+    assert same(whole, collect(folder, ["front"], FrameChoice(every=1), workers=2, log=log, resume=True)["front"])

@@ -32,12 +32,14 @@ def _processes(commands: list[list[str]], environment: dict[str, str]) -> Iterat
 
 
 @contextmanager
-def scheduler(folder: Path) -> Iterator[str]:
-    """A scheduler's address; it lives as long as the block."""
+def scheduler(folder: Path, started: list[subprocess.Popen] | None = None) -> Iterator[str]:
+    """A scheduler's address; it lives as long as the block. started: is given its process."""
     address_file = folder / "scheduler.json"
     words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
     words += ["--no-dashboard", "--scheduler-file", str(address_file)]
-    with _processes([words], {**os.environ, "OMP_NUM_THREADS": "1"}):
+    with _processes([words], {**os.environ, "OMP_NUM_THREADS": "1"}) as processes:
+        if started is not None:
+            started += processes
         end = time.monotonic() + 60
         while not address_file.exists() or '"address"' not in address_file.read_text():
             assert time.monotonic() < end
