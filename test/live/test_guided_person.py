@@ -102,6 +102,7 @@ class Walk:
         )
         self.person = SimulatedPerson(camera, target, seed=3)
         self.shares: dict[bytes, list[float]] = {}  # of each pose that was asked for: points found on its arrivals
+        self.views: list[int] = []  # how many were kept when each of those was arrived at
         self.images = 0
 
     def status(self) -> dict[str, Any]:
@@ -125,7 +126,10 @@ class Walk:
             time.sleep(0.005)
         if wanted is not None and self.person._step >= STEPS:
             share = looks.last.points / len(self.target.object_points)
-            self.shares.setdefault(np.array(wanted["outline_px"]).tobytes(), []).append(share)
+            asked = np.array(wanted["outline_px"]).tobytes()
+            if asked not in self.shares:
+                self.views.append(len(self.live.cameras["front"].views.kept))
+            self.shares.setdefault(asked, []).append(share)
         return self.status()
 
 
@@ -172,13 +176,16 @@ def test_a_person_is_led_to_the_goal(name: str, tmp_path: Path) -> None:
     theta = min(np.radians(60.0), 0.9 * camera.theta_max)
     random_band = of_random_views(camera, target, theta)
     observed = Observations.load(tmp_path / "front.npz")
-    bands = {count: pupil_band(first_views(observed, count), theta) for count in range(6, min(16, observed.view_count))}
+    bands = {}  # by poses that were asked for and shown, each with what was kept on the way there
+    for count, views in enumerate(walk.views, 1):
+        if count % 2 == 0 and views >= 8:
+            bands[count] = pupil_band(first_views(observed, views), theta)
     needed = next((count for count, band in bands.items() if band <= random_band), None)
     made = status["calibration"] or {}
     print(
         f"{name}: {status['views']} views of {walk.images} images, goal {status['goal_reached']}; asked for "
         f"{len(seen)} poses, found {sum(seen)}, at the first try {sum(first)}; E({np.degrees(theta):.0f}°) band of 25 "
-        f"random views {1e6 * random_band:.1f} µm, with {needed} views here "
+        f"random views {1e6 * random_band:.1f} µm, with {needed} poses here "
         f"({', '.join(f'{count}: {1e6 * band:.1f}' for count, band in bands.items())}); "
         f"auto: {made.get('model')}, {made.get('entrance_pupil')}; open: {(status['guidance'] or {}).get('concerns')}; "
         f"{status['next']}"

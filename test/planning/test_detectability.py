@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from known_scenes import half_size
 
 from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
 from fisheye_ep_calib.calibration.estimating.sightings import prepare
@@ -25,18 +26,6 @@ TARGETS = {
     "chessboard": parse_target({"type": "chessboard", "columns": 10, "rows": 7, "spacing": 0.012}),
     "aprilgrid": parse_target({"type": "aprilgrid", "columns": 4, "rows": 3, "tag_size": 0.03, "tag_gap": 0.009}),
 }
-
-
-def half_size(camera: FisheyeCamera) -> FisheyeCamera:
-    width, height = camera.image_size
-    return replace(
-        camera,
-        image_size=(width // 2, height // 2),
-        fx=camera.fx / 2,
-        fy=camera.fy / 2,
-        cx=(camera.cx + 0.5) / 2 - 0.5,
-        cy=(camera.cy + 0.5) / 2 - 0.5,
-    )
 
 
 CAMERA = half_size(paper_camera())

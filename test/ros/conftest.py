@@ -13,7 +13,11 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install '.[ros]'")
+from known_scenes import half_size  # noqa: E402
 from live_processes import Probe, Program  # noqa: E402
+
+from fisheye_ep_calib.camera import FisheyeCamera  # noqa: E402
+from fisheye_ep_calib.simulation import paper_camera, paper_poses, paper_target, render  # noqa: E402
 
 LARGE_IMAGES = Path(__file__).resolve().parents[2] / "config" / "fastdds_large_images.xml"
 PUBLISHER = Path(__file__).with_name("image_publisher.py")
@@ -71,13 +75,17 @@ def start_publisher(start: Callable[..., Program]) -> Callable[..., Program]:
 
 @pytest.fixture(scope="session")
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """12 images (2048²) of the paper's target through the paper's camera, as an .npz with the key ``images``."""
-    from fisheye_ep_calib.simulation.poses import paper_poses
-    from fisheye_ep_calib.simulation.rendering import render
-    from fisheye_ep_calib.simulation.scenes import paper_camera, paper_target
+    """12 images (1024²) of the paper's target through half the paper's camera, as an .npz with the key ``images``."""
+    return _rendered(half_size(paper_camera()), tmp_path_factory.mktemp("rendered") / "images.npz")
 
-    camera, target = paper_camera(), paper_target()
-    poses = paper_poses(target)[:12]
-    path = tmp_path_factory.mktemp("rendered") / "images.npz"
-    np.savez(path, images=np.stack([render(camera, target, pose) for pose in poses]))
+
+@pytest.fixture(scope="session")
+def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same through the paper's camera itself, 2048²: more than a slow machine looks at."""
+    return _rendered(paper_camera(), tmp_path_factory.mktemp("large") / "images.npz")
+
+
+def _rendered(camera: FisheyeCamera, path: Path) -> Path:
+    target = paper_target()
+    np.savez(path, images=np.stack([render(camera, target, pose) for pose in paper_poses(target)[:12]]))
     return path

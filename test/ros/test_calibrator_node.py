@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
-from live_processes import LATCHED, wait_for
+from known_scenes import half_size
+from live_processes import LATCHED, at_this_load, wait_for
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
@@ -49,19 +50,19 @@ def test_images_in_camera_info_and_files_out(start_calibrator, start_publisher, 
     assert len(matched) >= 5
     info = matched[-1]
     assert info.header.frame_id == "camera_0"
-    assert (info.width, info.height, info.distortion_model, len(info.d)) == (2048, 2048, "equidistant", 4)
-    assert 500 < info.k[0] < 700 and info.k[1] == 0
+    assert (info.width, info.height, info.distortion_model, len(info.d)) == (1024, 1024, "equidistant", 4)
+    assert 250 < info.k[0] < 350 and info.k[1] == 0
 
     latched = probe.collect(String, "/calibrator/front/calibration", LATCHED)
     wait_for(lambda: latched, "the latched YAML")
     written = (tmp_path / "front.yaml").read_text()
     assert latched[-1].data == written
     content = yaml.safe_load(written)
-    assert content["camera_name"] == "front" and content["image_width"] == 2048
+    assert content["camera_name"] == "front" and content["image_width"] == 1024
 
     assert "set aside" in probe.call(Trigger, "/calibrator/reset").message
     code, seconds = calibrator.interrupt()
-    assert code == 0 and seconds < 2.0
+    assert code == 0 and seconds < at_this_load(2.0)
     assert "Traceback" not in calibrator.output
 
 
@@ -71,7 +72,7 @@ def test_a_calibration_without_views_says_so(start_calibrator, probe, tmp_path) 
     assert not answer.success
     assert "front: no view" in answer.message and "rear: no view" in answer.message
     code, seconds = calibrator.interrupt(signal.SIGTERM)
-    assert code == 0 and seconds < 2.0
+    assert code == 0 and seconds < at_this_load(2.0)
     assert "Traceback" not in calibrator.output
 
 
@@ -117,19 +118,19 @@ def test_ctrl_c_in_a_terminal_right_after_the_start(start_calibrator, tmp_path, 
     began = time.monotonic()
     os.killpg(process.pid, signal.SIGINT)
     assert process.wait(30) == 0
-    assert time.monotonic() - began < 2.0
+    assert time.monotonic() - began < at_this_load(2.0)
     calibrator.end()
     assert "Traceback" not in calibrator.output and "KeyboardInterrupt" not in calibrator.output
 
 
 def test_a_calibration_is_checked_live(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
     """The camera as it is holds; one whose centre is elsewhere does not, and is an error in diagnostics."""
-    observed = observe(paper_camera(), load_target(TARGET), paper_poses(load_target(TARGET)), 0.03, 1)
+    observed = observe(half_size(paper_camera()), load_target(TARGET), paper_poses(load_target(TARGET)), 0.03, 1)
     before = tmp_path / "before.yaml"
     save_camera(before, calibrate(observed, model="ep_odd"), "front", "simulated")
     wrong = tmp_path / "wrong.yaml"
     content = yaml.safe_load(before.read_text())
-    content["entrance_pupil"]["intrinsics"]["cx"] += 6.0
+    content["entrance_pupil"]["intrinsics"]["cx"] += 3.0
     wrong.write_text(yaml.safe_dump(content))
     node = start_calibrator(
         cameras="[front, moved]", target=TARGET, output_directory=tmp_path / "results", check="true",

@@ -8,7 +8,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from headless_browser import HeadlessBrowser, chromium
@@ -31,17 +30,6 @@ def browser():
         pytest.skip("no Chromium here: apt-get install chromium")
     with HeadlessBrowser(executable) as browser:
         yield browser
-
-
-@pytest.fixture(scope="module")
-def small(rendered: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The rendered images, half as wide and high: looked at ten times a second."""
-    images = np.load(rendered)["images"]
-    path = tmp_path_factory.mktemp("small") / "images.npz"
-    np.savez(
-        path, images=np.stack([cv2.resize(one, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for one in images])
-    )
-    return path
 
 
 def page_of(node: Program) -> str:
@@ -68,7 +56,7 @@ def status(browser: HeadlessBrowser, name: str = "front") -> dict[str, Any]:
     return {} if told is None else dict(json.loads(told))
 
 
-def test_the_page_shows_streams_and_acts(start_calibrator, start_publisher, browser, small, tmp_path) -> None:
+def test_the_page_shows_streams_and_acts(start_calibrator, start_publisher, browser, rendered, tmp_path) -> None:
     folder = tmp_path / "results"
     node = start_calibrator(
         cameras="[front, rear]", target=TARGET, output_directory=folder, web_port=0, auto_calibrate="false",
@@ -76,7 +64,7 @@ def test_the_page_shows_streams_and_acts(start_calibrator, start_publisher, brow
     )  # fmt: skip
     browser.visit(page_of(node), width=1366, height=768)
     wait_for(lambda: text(browser, "say") == "Hold the target before the camera", "the first sentence")
-    publisher = start_publisher(small, 5, "/front/image_raw")
+    publisher = start_publisher(rendered, 5, "/front/image_raw")
     wait_for(lambda: "Kept" in text(browser, "sign"), "the sign of a kept view")
     wait_for(lambda: browser.evaluate("document.getElementById('stream').naturalWidth") == 1024, "the picture")
     frames = "new Promise(done => { const c = document.createElement('canvas'); c.width = c.height = 64;"
@@ -121,9 +109,9 @@ def test_the_page_shows_streams_and_acts(start_calibrator, start_publisher, brow
     wait_for(lambda: text(browser, "link") == "the node does not answer", "the page to say that the node is gone")
 
 
-def test_on_a_phone_and_on_a_desk(start_calibrator, start_publisher, browser, small, tmp_path) -> None:
+def test_on_a_phone_and_on_a_desk(start_calibrator, start_publisher, browser, rendered, tmp_path) -> None:
     node = start_calibrator(cameras="[front]", target=TARGET, output_directory=tmp_path, web_port=0, model="ep_odd")
-    start_publisher(small, 5, "/front/image_raw")
+    start_publisher(rendered, 5, "/front/image_raw")
     for width, height, least in ((390, 844, 30), (1366, 768, 44)):
         browser.visit(page_of(node), width=width, height=height)
         wait_for(lambda: text(browser, "sign") and text(browser, "say"), "the page")
@@ -162,13 +150,13 @@ def cpu_seconds(process: int) -> float:
 
 
 @pytest.mark.slow
-def test_looking_costs_little(start_calibrator, start_publisher, browser, small, tmp_path) -> None:
+def test_looking_costs_little(start_calibrator, start_publisher, browser, rendered, tmp_path) -> None:
     """CPU of the node and its workers for each image looked at, ten a second, with the page open and without."""
     node = start_calibrator(
         cameras="[front]", target=TARGET, output_directory=tmp_path, web_port=0, auto_calibrate="false"
     )
     url = page_of(node)
-    start_publisher(small, 10, "/front/image_raw")
+    start_publisher(rendered, 10, "/front/image_raw")
     browser.visit(url, width=1366, height=768)
     wait_for(lambda: status(browser).get("views", 0) >= 5, "most of what is new")
     costs: dict[bool, list[float]] = {True: [], False: []}

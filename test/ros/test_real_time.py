@@ -99,21 +99,21 @@ def report(measured: dict) -> str:
     )
 
 
-def test_two_cameras_are_received_in_time(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
-    measured = run(start_calibrator, start_publisher, probe, rendered, tmp_path, frames=150)
+def test_two_cameras_are_received_in_time(start_calibrator, start_publisher, probe, large, tmp_path) -> None:
+    measured = run(start_calibrator, start_publisher, probe, large, tmp_path, frames=150)
     print(report(measured))
     assert min(measured["received"]) >= 0.95 * measured["published"]
-    assert min(measured["searched"]) > 1
     assert len(measured["info"]) > 0.9 * sum(measured["received"])
     if os.getloadavg()[0] > 2 * (os.cpu_count() or 1):
         pytest.skip("others keep the machine too busy to measure times: " + report(measured))
+    assert min(measured["searched"]) > 1
     assert measured["delays"][len(measured["delays"]) // 2] < 0.05
     assert measured["info"][len(measured["info"]) // 2] < 1 / RATE
 
 
 @pytest.mark.slow
-def test_memory_stays_flat_over_2000_frames(start_calibrator, start_publisher, probe, rendered, tmp_path) -> None:
-    measured = run(start_calibrator, start_publisher, probe, rendered, tmp_path, frames=1000)
+def test_memory_stays_flat_over_2000_frames(start_calibrator, start_publisher, probe, large, tmp_path) -> None:
+    measured = run(start_calibrator, start_publisher, probe, large, tmp_path, frames=1000)
     print(report(measured))
     assert min(measured["received"]) >= 0.95 * measured["published"]
     memories = measured["memories"]

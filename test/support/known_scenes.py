@@ -26,6 +26,19 @@ CAMERA = FisheyeCamera(
 )
 
 
+def half_size(camera: FisheyeCamera) -> FisheyeCamera:
+    """The camera of images half as wide and high; the centre of the top-left pixel stays (0, 0)."""
+    width, height = camera.image_size
+    return replace(
+        camera,
+        image_size=(width // 2, height // 2),
+        fx=camera.fx / 2,
+        fy=camera.fy / 2,
+        cx=(camera.cx + 0.5) / 2 - 0.5,
+        cy=(camera.cy + 0.5) / 2 - 0.5,
+    )
+
+
 def poses_of(views: int = 25, seed: int = 1, theta_deg: float = 80.0) -> np.ndarray:
     """Poses (views, 4, 4) of the board, 0.12 to 0.35 m away, tilted by 5 to 50°."""
     return random_poses(BOARD, views, seed, (0.12, 0.35), (0.0, theta_deg), (5.0, 50.0))

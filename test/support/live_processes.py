@@ -9,6 +9,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -28,6 +29,12 @@ def wait_for(condition: Callable[[], Any], what: str, patience: float = PATIENCE
             return value
         time.sleep(0.02)
     raise AssertionError(f"waited {patience:.0f} s in vain for {what}")
+
+
+def at_this_load(seconds: float) -> float:
+    """So many seconds of a machine with a core to spare: as many times longer as programs now share a core."""
+    wanting = float(Path("/proc/loadavg").read_text().split()[3].partition("/")[0])
+    return seconds * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1), wanting / (os.cpu_count() or 1))
 
 
 class Program:

@@ -27,6 +27,7 @@ from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.target.shape.measured import BoardShape
 
+_AS_GOOD_AS_ANY = 0.05  # px RMS of a view, up to which nothing about it is worth a second look
 _UNEQUAL = 0.02  # |fx / fy − 1|, beyond which something other than the sensor is likelier
 RING_DEGREES = 15
 SECTORS = len(SECTOR_NAMES)
@@ -223,7 +224,7 @@ def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...]) -> Findi
     name = names[int(fit.sightings.images[worst])]
     values = {"rms_px": float(view_rms[worst]), "median_rms_px": middle, "image": float(fit.sightings.images[worst])}
     told = f"the worst view is {name}: {view_rms[worst]:.3f} px, where the middle one has {middle:.3f} px"
-    if view_rms[worst] <= 2.5 * max(middle, 1e-9):
+    if view_rms[worst] <= max(2.5 * middle, _AS_GOOD_AS_ANY):
         return Finding("worst_view", values, False, f"{told}: none stands out")
     return Finding("worst_view", values, True, f"{told}; look at it for blur or a bent target, or record it again")
 
