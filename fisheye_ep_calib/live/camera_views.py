@@ -68,8 +68,12 @@ class CameraViews:
         return self._store.views
 
     def number_of(self, name: str) -> int:
-        """Which view that is, counted from 1; 0 where it was forgotten meanwhile."""
-        return next((number for number, view in enumerate(self.kept, 1) if view.name == name), 0)
+        """Which view that is, counted from 1; 0 where it was forgotten meanwhile.
+
+        Names come back where a bag is played again, or a driver stamps nothing: then it is the latest of that name.
+        """
+        kept = self.kept
+        return next((number for number in range(len(kept), 0, -1) if kept[number - 1].name == name), 0)
 
     @property
     def file(self) -> Path:

@@ -68,6 +68,15 @@ def test_a_kept_view_is_on_disk_when_it_is_reported(tmp_path: Path) -> None:
     np.testing.assert_allclose(saved.object_points, TARGET.object_points)
 
 
+def test_a_view_has_a_number_also_where_names_come_back(tmp_path: Path) -> None:
+    """A driver that stamps nothing names all alike."""
+    front = views(tmp_path)
+    for number, name in enumerate(("a", "b", "b", "a"), 1):
+        assert consider(front, sighting(number, name=name)) is Verdict.KEPT
+        assert front.number_of(name) == number
+    assert front.number_of("c") == 0
+
+
 def test_what_is_not_kept_says_why(tmp_path: Path) -> None:
     camera = views(tmp_path, maximum_views=2)
     assert consider(camera, Sighting("a", SIZE, Detection(reason="no board"))) is Verdict.NOT_FOUND
