@@ -111,6 +111,9 @@ class Walk:
 
     def step(self) -> dict[str, Any]:
         """The person looks, moves, and the image is looked at."""
+        subject = self.live.cameras["front"]
+        while subject.guide.wanted is None and subject._busy:  # people are slower than a calibration, this loop is not
+            time.sleep(0.02)
         status = self.status()
         wanted = status["wanted"]
         self.person.look(None if wanted is None else wanted["outline_px"])

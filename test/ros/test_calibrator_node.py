@@ -130,7 +130,7 @@ def test_a_calibration_is_checked_live(start_calibrator, start_publisher, probe,
     save_camera(before, calibrate(observed, model="ep_odd"), "front", "simulated")
     wrong = tmp_path / "wrong.yaml"
     content = yaml.safe_load(before.read_text())
-    content["entrance_pupil"]["intrinsics"]["cx"] += 3.0
+    content["entrance_pupil"]["intrinsics"]["cx"] += 6.0
     wrong.write_text(yaml.safe_dump(content))
     node = start_calibrator(
         cameras="[front, moved]", target=TARGET, output_directory=tmp_path / "results", check="true",
