@@ -21,17 +21,20 @@ def board_shape(fit: Fit) -> BoardShape:
     if model.kind != FREE:
         return BoardShape(model.kind, model.nominal, local[:, :3], bent=bool(np.any(local)), slopes=local[:, 3:])
     assert model.variances is not None
-    deviation = model.variances.deviation
+    deviation, linearisation = model.variances.deviation, linearised(fit)
+    weights = BoardShape(FREE, model.nominal, local[:, :3]).aspect_weights
+    noise = fit.sigma_px * np.sqrt(fit.clustering)
     return BoardShape(
         FREE,
         model.nominal,
         local[:, :3],
-        sigma=fit.sigma_px * np.sqrt(linearised(fit).shift_variance(model.variances)),
+        sigma=noise * np.sqrt(linearisation.shift_variance(model.variances)),
         bent=_is_bent(fit),
         scatter=tuple(deviation[AXIS_GROUP].tolist()),
         groups={name: float(value) for name, value in zip(GROUPS, deviation, strict=True) if value > 0},
         slopes=local[:, 3:],
         discs=fit.sightings.observations.disc_radius is not None,
+        aspect_sigma_percent=100 * noise * float(np.sqrt(linearisation.sum_variance(model.variances, weights))),
     )
 
 

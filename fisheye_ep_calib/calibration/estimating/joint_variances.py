@@ -85,7 +85,10 @@ class JointVariances:
     def _starts(
         self, variances: Variances, likelihood: Likelihood, own: Sequence[Sequence[int]]
     ) -> Iterator[tuple[Variances, Likelihood]]:
-        """What is there, and with further groups at a few τ, the best of those before kept."""
+        """What is there, and with further groups at a few τ, the best of those before kept.
+
+        σ falls with every group that is kept: at the first σ, what explains less than that would be missed.
+        """
         best = (variances, likelihood)
         yield best
         for groups in own:
@@ -93,13 +96,16 @@ class JointVariances:
             for size in _TRIED:
                 deviation = best[0].deviation.copy()
                 unit = [self.linearisation.effect_of_unit(group) for group in groups]
-                deviation[groups] = size * variances.noise / np.array(unit)
+                deviation[groups] = size * best[0].noise / np.array(unit)
                 trial = replace(best[0], deviation=deviation)
                 trials.append((trial, self._tried(trial)))
                 if len(trials) == 2 and _deviance(trials[1]) < _deviance(trials[0]):
                     break  # more is better, and so less is not
-            yield from trials
-            best = min((best, *trials), key=_deviance)
+            found = min((best, *trials), key=_deviance)
+            if found is not best:
+                quieter = replace(found[0], noise=found[1].noise)
+                best = (quieter, self._tried(quieter))
+            yield from (*trials, best)
 
     def _tried(self, variances: Variances) -> Likelihood:
         """The likelihood of variances from which searches start: several start from the same."""

@@ -48,10 +48,22 @@ class Linearisation:
         return Posterior(group, 2 * equations.cost - decrease, log_determinant, self._freedom, value, variance)
 
     def shift_variance(self, variances: Variances) -> np.ndarray:
-        """Variance (n, 3) of every point's shift in the target frame, in units of σ²: m²/px².
+        """Variance (n, 3) of every point's shift in the target frame, in units of σ²: m²/px²."""
+        rows, own, inverse = self._shifts(variances)
+        variance: FloatArray = np.einsum("nii->ni", own) + ((rows @ inverse) * rows).sum(axis=-1)
+        return variance
+
+    def sum_variance(self, variances: Variances, weights: np.ndarray) -> float:
+        """Variance of Σ w · shift over all points, weights w (n, 3) in the target frame, in units of σ²."""
+        rows, own, inverse = self._shifts(variances)
+        row = np.einsum("ni,nik->k", weights, rows)
+        return float(row @ inverse @ row + np.einsum("ni,nij,nj->", weights, own, weights))
+
+    def _shifts(self, variances: Variances) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows M_i (n, 3, D), what comes of a point alone (n, 3, 3), and (H + P)⁻¹ of the D dense unknowns.
 
         A shift is M (a, ρ_i) with M = [φ(i), A]; where points are eliminated first, ρ_i = −D_i⁻¹ G_i d of the dense
-        unknowns d adds to its rows, and M D_i⁻¹ Mᵀ to its variance.
+        unknowns d adds to its rows, and A D_i⁻¹ Aᵀ to its variance.
         """
         shape, fields, axes = self._equations.shape, self._model.fields[:, :3], self._model.point_axes
         assert shape is not None
@@ -67,7 +79,7 @@ class Linearisation:
         points = len(fields)
         rows = np.zeros((points, 3, len(reduced)))
         rows[..., system.places["smooth"][1]] = fields[..., smooth]
-        own = np.zeros((points, 3))
+        own = np.zeros((points, 3, 3))
         if along.any():
             is_dense, place = system.places["rough"]
             if is_dense:
@@ -76,9 +88,8 @@ class Linearisation:
                 rows[..., place] = each.reshape(points, 3, -1)
             else:
                 rows -= axes[..., along] @ solved
-                own = np.einsum("nia,nab,nib->ni", axes[..., along], np.linalg.inv(system.blocks), axes[..., along])
-        variance: FloatArray = own + ((rows @ inverse) * rows).sum(axis=-1)
-        return variance
+                own = np.einsum("nia,nab,njb->nij", axes[..., along], np.linalg.inv(system.blocks), axes[..., along])
+        return rows, own, inverse
 
     def _with_poses_first(
         self, kept: np.ndarray, chosen: ShapeEquations, penalty: np.ndarray

@@ -42,7 +42,8 @@ class BoardShape:
     bent: whether the data demand a height that varies over the board. scatter (3,): what single points are off by
     themselves along the board's x, y and normal, τ in metres. groups: τ of the smooth fields by name, metres.
     slopes (n, 6): derivatives of the smooth deviation along the board's x, then y; worked out where they are None.
-    discs: whether the points are the centres of discs.
+    discs: whether the points are the centres of discs. aspect_sigma_percent: of ``aspect_percent``; 0 where it is not
+    known.
     """
 
     kind: str
@@ -54,6 +55,7 @@ class BoardShape:
     groups: Mapping[str, float] = field(default_factory=dict)
     slopes: np.ndarray | None = None
     discs: bool = False
+    aspect_sigma_percent: float = 0.0
 
     @staticmethod
     def flat(object_points: np.ndarray) -> BoardShape:
@@ -152,23 +154,24 @@ class BoardShape:
         return 100 * float(stretch[0] - stretch[1])
 
     @property
-    def _stretch(self) -> tuple[np.ndarray, np.ndarray]:
-        """The file's points (n, 2) about their mean, metres, and the share (2,) by which the board is longer along x
-        and along y, by least squares.
-        """
-        position = self.frame.local(self.object_points)[:, :2]
-        position = position - position.mean(axis=0)
-        along = (position * self.in_board_axes[:, :2]).sum(axis=0)
-        return position, along / np.maximum((position**2).sum(axis=0), 1e-300)
+    def aspect_weights(self) -> np.ndarray:
+        """w (n, 3), 1/m, target frame: ``aspect_percent`` is 100 Σ w · deviation."""
+        position, square = self._arms
+        weights: FloatArray = (position / square * [1.0, -1.0]) @ self.frame.axes[:, :2].T
+        return weights
 
     @property
-    def aspect_sigma_percent(self) -> float:
-        """Standard deviation of ``aspect_percent`` were points' errors independent; 0 where it is not known."""
-        if self.sigma is None:
-            return 0.0
+    def _arms(self) -> tuple[np.ndarray, np.ndarray]:
+        """The file's points (n, 2) about their mean, metres, and the sum of their squares (2,)."""
         position = self.frame.local(self.object_points)[:, :2]
-        square = ((position - position.mean(axis=0)) ** 2).sum(axis=0)
-        return 100 * float(np.sqrt((np.mean(self.sigma**2) / np.maximum(square, 1e-300)).sum()))
+        position = position - position.mean(axis=0)
+        return position, np.maximum((position**2).sum(axis=0), 1e-300)
+
+    @property
+    def _stretch(self) -> tuple[np.ndarray, np.ndarray]:
+        """``_arms``' points (n, 2), and the share (2,) by which the board is longer along x and y, by least squares."""
+        position, square = self._arms
+        return position, (position * self.in_board_axes[:, :2]).sum(axis=0) / square
 
     @property
     def sentence(self) -> str:
@@ -177,7 +180,7 @@ class BoardShape:
             return "the board is taken as its file has it"
         told = []
         aspect = self.aspect_percent
-        if abs(aspect) >= _TOLD:
+        if abs(aspect) >= max(_TOLD, 2 * self.aspect_sigma_percent):
             first, second = ("x", "y") if aspect > 0 else ("y", "x")
             told.append(f"against its file the paper is {abs(aspect):.2f} % longer in {first} than in {second}")
         doubt = 0.0 if self.sigma is None else 2e3 * float(np.sqrt((self.sigma**2).mean()))

@@ -18,6 +18,7 @@ from fisheye_ep_calib.report.figures.budget import budget_figure
 
 NOTHING = {"wave": 0.0, "rough": 0.0, "flex": 0.0, "in_plane": 0.0, "turn": 0.0, "shift": 0.0, "noise": 0.0}
 MIXTURES = {
+    "stretches less than it bends": {"wave": 3e-4, "flex": 1.5e-4, "in_plane": 1.5e-5, "noise": 0.05},
     "bends": {"wave": 2e-4, "flex": 1e-4, "noise": 0.1},
     "crumples": {"wave": 3e-4, "flex": 1e-4, "in_plane": 3e-5, "noise": 0.2},
     "scatters alone": {"rough": 1e-4, "noise": 0.15},

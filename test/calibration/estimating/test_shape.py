@@ -172,6 +172,10 @@ def test_the_shape_posterior_is_that_of_the_dense_system(name) -> None:
         rows[point, :, own : own + 3] = shape.frame.axes
     expected = np.einsum("nik,kl,nil->ni", rows, inverse[first:, first:], rows)
     assert linearised(fit).shift_variance(variances) == pytest.approx(expected, rel=1e-5)
+    weights = np.random.default_rng(1).normal(0, 1, (points, 3))
+    row = np.einsum("ni,nik->k", weights, rows)
+    expected = row @ inverse[first:, first:] @ row
+    assert linearised(fit).sum_variance(variances, weights) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(
