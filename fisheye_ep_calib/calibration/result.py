@@ -100,9 +100,11 @@ class CalibrationResult:
             return own
         if self.left_open is not None:
             return self.left_open.uncertainty_of(self.fit, own)
-        families = [each.fit for each in self.choice.candidates.values() if each.structure.pupil_terms]
         verdict = self.choice.verdict
-        return with_pupil_sigma(with_family_spread(own, self.fit, families), self.fit, verdict.theta, verdict.sigma)
+        if self.fit.structure.pupil_prior is None:
+            families = [each.fit for each in self.choice.candidates.values() if each.structure.pupil_terms]
+            own = with_family_spread(own, self.fit, families)
+        return with_pupil_sigma(own, self.fit, verdict.theta, verdict.sigma)
 
     @cached_property
     def left_open(self) -> LeftOpen | None:

@@ -73,8 +73,9 @@ def advise(
     ends = light_ends(camera, 2 * np.pi * np.arange(SECTORS) / SECTORS, sight)
     field = Field.of(few_points(board.points), poses, offered.poses, ends)
     findings = _open([field.finding, *(other for other in result.diagnosis.findings if other.name != "coverage")])
-    suggestions = next_views(camera, board, poses, offered, AHEAD, field, tried)
-    against = sigma_against_guided(camera, board, poses, offered, _goal_angle(camera))
+    known = _known_beforehand(result, board)
+    suggestions = next_views(camera, board, poses, offered, AHEAD, field, tried, known)
+    against = sigma_against_guided(camera, board, poses, offered, _goal_angle(camera), beforehand=known)
     rings = int(np.flatnonzero(field.reachable.any(axis=1)).max(initial=0)) + 1
     figures = {
         "coverage": round(field.share, 3),
@@ -109,6 +110,12 @@ def _open(findings: Sequence[Finding]) -> list[Finding]:
 
 def _goal_angle(camera: FisheyeCamera) -> float:
     return min(float(np.radians(GOAL_ANGLE)), camera.theta_max)
+
+
+def _known_beforehand(result: CalibrationResult, board: Board) -> np.ndarray | float:
+    """What the calibration knew of its pupil without any view, in the scale of the few points that guidance weighs."""
+    prior = result.fit.problem.prior
+    return 0.0 if prior is None else prior * len(few_points(board.points)) / len(board.points)
 
 
 def _with_pupil(camera: FisheyeCamera) -> FisheyeCamera:

@@ -129,13 +129,14 @@ def next_views(
     count: int = 1,
     field: Field | None = None,
     tried: Sequence[Suggestion] = (),
+    beforehand: np.ndarray | float = 0.0,
 ) -> list[Suggestion]:
     """The views to take next, each the one that tells most once those before it are taken; fewer where none is left.
 
     camera_from_target (V, 4, 4): the views so far. field: what is covered of what can be: poses that cover more come
-    first. tried: poses that could not be reached.
+    first. tried: poses that could not be reached. beforehand (P, P): information without any view, per px⁻² of noise.
     """
-    so_far = view_information(
+    so_far = beforehand + view_information(
         replace(camera, theta_max=np.pi), few_points(board.points), camera_from_target
     ).information.sum(axis=0)
     sought = sought_rows(camera)
@@ -166,11 +167,12 @@ def sigma_against_guided(
     offered: Candidates,
     theta: float,
     views: int = 40,
+    beforehand: np.ndarray | float = 0.0,
 ) -> float:
     """σ of E(theta) from the views so far over that from so many guided ones, both from their geometry alone.
 
     With M the information of either set, σ² = bᵀ M⁻¹ b, b the pupil's basis at theta. The guided set is chosen
-    greedily from nothing. NaN where there is nothing to choose from.
+    greedily from nothing but what is known beforehand, as in ``next_views``. NaN where there is nothing to choose from.
     """
     if len(offered.grid) == 0:
         return float("nan")
@@ -179,7 +181,8 @@ def sigma_against_guided(
     row = np.zeros(len(camera.parameters))
     row[camera.parameter_slice("coefficients")] = camera.pupil_family.basis(np.array(theta), len(camera.coefficients))
     sought = sought_rows(camera)
-    guided = 1e-3 * so_far / max(len(camera_from_target), 1)
+    guided = 1e-3 * so_far / max(len(camera_from_target), 1) + beforehand
+    so_far = so_far + beforehand
     left = np.ones(len(offered.grid), dtype=bool)
     for _ in range(min(views, len(left))):
         gain = variance_reduction(offered.information, guided, sought)

@@ -15,6 +15,7 @@ takes up stays where the fit has it: the test then finds a little less, never mo
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -114,7 +115,10 @@ def _with_columns(fit: Fit, columns: Columns) -> NormalEquations:
             by_view = np.zeros((problem.view_count, weighted.shape[1], weighted.shape[1]))
         by_view[block.views] = np.einsum("rabn,rcbn->bac", weighted, weighted, optimize=True)
     assert by_view is not None
-    return NormalEquations(by_view, fit.adjustment.equations.cost, True)
+    prior, gradient = fit.adjustment.equations.known_beforehand
+    more = by_view.shape[1] - 7 - len(gradient)
+    equations = NormalEquations(by_view, fit.adjustment.equations.cost, True)
+    return replace(equations, prior=np.pad(prior, (0, more)), prior_gradient=np.pad(gradient, (0, more)))
 
 
 def _in_camera(poses: np.ndarray, points: np.ndarray, which: np.ndarray) -> np.ndarray:

@@ -51,7 +51,8 @@ class AdjustmentProblem:
 
     free: bool (P,), which of camera.parameters are estimated. shape: what the target may be; shape_free: whether it is
     estimated or held. theta_limit: rad, the largest incidence angle that a trial camera may give a sighting.
-    effects: what may differ from view to view beside the pose.
+    effects: what may differ from view to view beside the pose. prior (P, P): of camera.parameters about zero, the
+    inverse of their covariance times σ², px² by their units; None where nothing is known beforehand.
     """
 
     blocks: tuple[ViewBlock, ...]
@@ -62,6 +63,7 @@ class AdjustmentProblem:
     theta_limit: float = np.pi
     loss: Loss = LINEAR
     effects: ViewEffects | None = None
+    prior: np.ndarray | None = None
 
     @property
     def view_size(self) -> int:
@@ -143,7 +145,20 @@ def evaluate(
     if effects:
         penalise_effects(hessian, effects.penalty, state.effects)
         cost += 0.5 * float((effects.penalty * state.effects**2).sum())
-    return NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)), shape, view_size=problem.view_size)
+    equations = NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)), shape, view_size=problem.view_size)
+    return equations if problem.prior is None else _with_prior(equations, problem, state.camera)
+
+
+def _with_prior(equations: NormalEquations, problem: AdjustmentProblem, camera: FisheyeCamera) -> NormalEquations:
+    """With ½ cᵀ Λ c of the camera's parameters c: its information and its gradient stand beside those of the views."""
+    assert problem.prior is not None
+    free = int(problem.free.sum())
+    information, gradient = np.zeros((problem.shared_size,) * 2), np.zeros(problem.shared_size)
+    information[:free, :free] = problem.prior[np.ix_(problem.free, problem.free)]
+    pull = problem.prior @ camera.parameters
+    gradient[:free] = pull[problem.free]
+    cost = equations.cost + 0.5 * float(camera.parameters @ pull)
+    return replace(equations, cost=cost, prior=information, prior_gradient=gradient)
 
 
 def predict_block(

@@ -60,7 +60,7 @@ class Fit:
     @property
     def rms_px(self) -> float:
         """√ mean(dx² + dy²) of the weighted residuals over the points used."""
-        penalised = self.problem.shape_size or self.problem.effects
+        penalised = self.problem.shape_size or self.problem.effects or self.problem.prior is not None
         if self.problem.loss.kind == "linear" and not penalised:
             return float(np.sqrt(2 * self.adjustment.equations.cost / self.sightings.point_count))
         return float(np.sqrt(self.weighted_square.mean()))
@@ -239,7 +239,7 @@ def opened(
     camera = structure.camera_like(state.camera, float(np.nanmax(theta)))
     position = np.searchsorted(start.sightings.images, sightings.images)
     poses = state.camera_from_target[position]
-    model = sightings.shape_model(structure.board_shape)
+    model, known = sightings.shape_model(structure.board_shape), structure.pupil_prior
     problem = AdjustmentProblem(
         sightings.blocks,
         replace(sightings.features, target_axis=structure.target_axis),
@@ -248,6 +248,7 @@ def opened(
         theta_limit=float(min(np.pi, 1.2 * np.nanmax(theta) + 0.1)),
         loss=loss or sightings.loss,
         effects=sightings.effects,
+        prior=None if known is None else known.penalty(camera, start.noise_variance[0] * start.clustering),
     )
     shape = model.state_like(start.problem.shape, state.shape)
     if sightings.effects is None:

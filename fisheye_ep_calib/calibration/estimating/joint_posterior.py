@@ -263,4 +263,6 @@ def _with_gathered_field(
     shape = equations.shape
     if shape is not None:
         shape = replace(shape, camera=turn.T @ shape.camera)
-    return replace(equations, by_view=by_view, shape=shape), np.array(group)
+    prior, gradient = equations.known_beforehand
+    gathered = replace(equations, prior=turn.T @ prior @ turn, prior_gradient=turn.T @ gradient)
+    return replace(gathered, by_view=by_view, shape=shape), np.array(group)

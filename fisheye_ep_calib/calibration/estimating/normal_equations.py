@@ -32,8 +32,8 @@ class NormalEquations:
 
     cost: half the sum of the squared (or robust) residuals and of the shape's penalty, px². valid: every prediction
     exists. shape: of a target whose shape is free, penalty included. prior (S, S): information on the shared parameters
-    that no view holds (settled.py). view_size: q, the six of the pose and what else is a view's own, whose penalty is
-    in by_view.
+    that no view holds (settled.py, and what is known beforehand); prior_gradient (S,): of the cost of the latter.
+    view_size: q, the six of the pose and what else is a view's own, whose penalty is in by_view.
     """
 
     by_view: np.ndarray
@@ -41,6 +41,7 @@ class NormalEquations:
     valid: bool
     shape: ShapeEquations | None = None
     prior: np.ndarray | float = 0.0
+    prior_gradient: np.ndarray | float = 0.0
     view_size: int = 6
 
     @property
@@ -58,6 +59,12 @@ class NormalEquations:
         """g_j (V, q)."""
         return self.by_view[:, : self.view_size, -1]
 
+    @property
+    def known_beforehand(self) -> tuple[np.ndarray, np.ndarray]:
+        """The prior's information (S, S) and its gradient (S,)."""
+        size = self.by_view.shape[1] - self.view_size - 1
+        return np.zeros((size, size)) + self.prior, np.zeros(size) + self.prior_gradient
+
     @cached_property
     def shared(self) -> np.ndarray:
         """C (S, S)."""
@@ -67,7 +74,7 @@ class NormalEquations:
     @cached_property
     def shared_gradient(self) -> np.ndarray:
         """g_s (S,)."""
-        total: FloatArray = self.shared_gradients.sum(axis=0)
+        total: FloatArray = self.shared_gradients.sum(axis=0) + self.prior_gradient
         return total
 
     @property

@@ -28,7 +28,7 @@ def settled_equations(
     penalty = problem.shape.all_penalties
     held = replace(problem, shape_free=False)
     adjustment = evaluate(held, state, follow=response)
-    prior = response.T @ (penalty[:, None] * response)
+    prior = adjustment.prior + response.T @ (penalty[:, None] * response)
     return replace(adjustment, cost=equations.cost, prior=prior)
 
 

@@ -117,8 +117,8 @@ def _equations_without(fit: Fit, left_out: np.ndarray) -> NormalEquations:
     shape = replace(whole.shape.minus(gone.shape, ~left_out), gradient=-gone.shape.gradient)
     by_view, own = whole.by_view[~left_out], slice(whole.view_size, -1)
     by_view[:, :-1, -1] = by_view[:, -1, :-1] = 0.0
-    by_view[0, own, -1] = by_view[0, -1, own] = -gone.shared_gradient
-    return replace(whole, by_view=by_view, cost=whole.cost - gone.cost, shape=shape)
+    by_view[0, own, -1] = by_view[0, -1, own] = -gone.shared_gradients.sum(axis=0)
+    return replace(whole, by_view=by_view, cost=whole.cost - gone.cost, shape=shape, prior_gradient=0.0)
 
 
 def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple[float, float, int]:
@@ -132,6 +132,7 @@ def held_out_error(trained: Adjustment, fit: Fit, held_out: np.ndarray) -> tuple
         blocks=sightings.blocks,
         free=np.zeros_like(fit.problem.free),
         shape_free=False,
+        prior=None,
     )
     own = fit.state.of_views(held_out)
     state = replace(trained.state, camera_from_target=own.camera_from_target, effects=own.effects)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.pupil_prior import MODEL, TERMS
 from fisheye_ep_calib.calibration.selecting.candidates import (
     FREER,
     SIGNIFICANCE,
@@ -24,7 +25,14 @@ from fisheye_ep_calib.calibration.selecting.candidates import (
     with_model,
     with_needed_lens,
 )
-from fisheye_ep_calib.calibration.selecting.pupil_choice import FURTHER, grown, pupil_verdict, supported_pupils
+from fisheye_ep_calib.calibration.selecting.open_terms import with_open_terms
+from fisheye_ep_calib.calibration.selecting.pupil_choice import (
+    FURTHER,
+    grown,
+    is_even,
+    pupil_verdict,
+    supported_pupils,
+)
 from fisheye_ep_calib.calibration.selecting.pupil_verdict import PupilVerdict
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
@@ -92,13 +100,20 @@ def choose(start: Fit, first: Fit, search: Search) -> Choice:
         return Choice(fitted, fitted[CENTRAL_MODEL], tuple(reasons), verdict, fit)
     others = supported_pupils(judged) if verdict.supported else []
     pupils = sorted({*others, verdict.model}, key=list(fitted).index)
-    further = {}
+    further, plain = {}, fitted[MODEL].fit
     if base.terms is None:
         further = {name: _with_further_terms(fitted[name]) for name in pupils}
         fitted |= {name: each for name, (each, _) in further.items()}
     chosen = simplest_good(fitted, pupils)
     if chosen.structure.model in further:
         reasons += further[chosen.structure.model][1]
+    if base.terms is None and is_even(chosen.structure.model):
+        series = with_open_terms(chosen.fit, plain, search.lens)
+        if series is not chosen.fit:
+            chosen = fitted[MODEL] = Candidate(series)
+            reasons.append(
+                f"{MODEL} with {TERMS} terms: what data do not tell is left open as far as other lenses have it"
+            )
     return Choice(fitted, chosen, tuple(reasons), verdict, fit)
 
 

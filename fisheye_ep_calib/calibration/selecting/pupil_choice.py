@@ -62,7 +62,7 @@ def pupil_verdict(candidates: dict[str, Candidate], terms_open: bool = True) -> 
     if terms_open:
         fit, _ = grown(fit)
     verdict = judge(fit, central)
-    if not _is_even(fit.structure.model):
+    if not is_even(fit.structure.model):
         even, even_fit = _even_verdict(candidates, pupils)
         if not even.supported:
             verdict, fit = even, even_fit
@@ -75,14 +75,14 @@ def pupil_verdict(candidates: dict[str, Candidate], terms_open: bool = True) -> 
 def _even_verdict(candidates: dict[str, Candidate], pupils: list[str]) -> tuple[PupilVerdict, Fit]:
     """The verdict on the likeliest even family, which may not have been compared, with as many terms as it needs."""
     central = candidates[CENTRAL_MODEL].fit
-    even = [candidates[name].fit for name in pupils if _is_even(candidates[name].structure.model)]
+    even = [candidates[name].fit for name in pupils if is_even(candidates[name].structure.model)]
     if not even:
         even = [refine(central, with_model(central.structure, "ep_even", None))]
     fit, _ = grown(min(even, key=lambda each: each.adjustment.equations.cost))
     return judge(fit, central), fit
 
 
-def _is_even(model: str) -> bool:
+def is_even(model: str) -> bool:
     """Whether a family of pupils is not an odd one, E(−θ) = −E(θ)."""
     family, theta = PUPIL_FAMILIES[model], np.array([0.3, 0.7])
     terms = family.default_terms
