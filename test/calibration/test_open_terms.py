@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from known_scenes import CAMERA
 from scipy.stats import norm
 
 from fisheye_ep_calib.calibration import calibrate
@@ -127,11 +128,14 @@ def test_open_terms_hold_what_two_terms_do_not_see(name, seen_through) -> None:
 
 
 def test_a_pupil_that_the_data_tell_is_not_drawn_to_other_lenses(seen_through) -> None:
-    """Terms that are supported have no prior, and a family that explains more stays."""
+    """Terms that are supported have no prior, and a pupil of the sign that no lens has stays as it is."""
     observations = noisy(seen_through["isshiki_6"][1], 1)
     four = calibrate(observations, "ep_even", terms=4).fit
     same = with_open_terms(four, four, lens_open=False)
     assert same.state.camera.coefficients == pytest.approx(four.state.camera.coefficients, rel=1e-3)
+    turned = replace(CAMERA, coefficients=tuple(-value for value in CAMERA.coefficients))
+    two = calibrate(observe(turned, BOARD, POSES, NOISE, 1), "ep_even").fit
+    assert with_open_terms(two, two, lens_open=True) is two
 
 
 @pytest.mark.slow

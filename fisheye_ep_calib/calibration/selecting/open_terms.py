@@ -25,8 +25,11 @@ def with_open_terms(fit: Fit, plain: Fit, lens_open: bool) -> Fit:
 
     plain: the series with its usual terms, fitted to the same. lens_open: whether r(θ) may have six terms. Six are
     taken where they gain what chance does not give, for what four leave of a lens, the further terms of E would take
-    up. The fit is returned as it is where its family explains that much more than the series.
+    up. The fit is returned as it is where its family explains that much more than the series, and where E > 0: no lens
+    has that sign, and of what else it may be nothing is known beforehand.
     """
+    if fit.state.camera.entrance_pupil(fit.largest_angle) >= 0:
+        return fit
     prior = PupilPrior(_scale(plain), fit.largest_angle, min(fit.structure.pupil_terms, TERMS))
     with_room = replace(prior, room=ROOM)
     own = with_room if fit.structure.lens == FREER_LENS else prior
