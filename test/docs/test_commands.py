@@ -130,7 +130,13 @@ def rig_of_two(folder: Path, *files: str) -> None:
     (folder / "rig.yaml").write_text(text)
 
 
-PREPARE = {"rig": two_cameras, "formats": other_programs}
+def chessboard_seen(folder: Path) -> None:
+    """A recording of the board that the page begins a file for."""
+    run(f"{COMMAND} target --new chessboard > board.yaml", folder)
+    run(f"{COMMAND} {RECORD.format('recording.mcap', 0, 'front=paper')}", folder)
+
+
+PREPARE = {"rig": two_cameras, "formats": other_programs, "targets": chessboard_seen}
 
 
 @pytest.mark.slow
