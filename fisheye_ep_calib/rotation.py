@@ -4,17 +4,26 @@ import numpy as np
 
 
 def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3), rad, to matrices (..., 3, 3)."""
-    from scipy.spatial.transform import Rotation  # not before it is needed: it takes long to load
+    """Rotation vectors (..., 3), rad, to matrices (..., 3, 3), by Rodrigues' formula.
 
+    R = I + sin φ/φ [ω]× + (1 − cos φ)/φ² [ω]×², φ = |ω|; (1 − cos φ)/φ² = ½ (sin ½φ / ½φ)², without cancellation.
+    """
     vector = np.asarray(vector, dtype=float)
-    result: np.ndarray = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix().reshape(*vector.shape, 3)
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    cross = np.zeros((*vector.shape, 3))
+    for axis in range(3):
+        after, last = (axis + 1) % 3, (axis + 2) % 3
+        cross[..., last, after], cross[..., after, last] = vector[..., axis], -vector[..., axis]
+    # numpy's sinc(x) is sin πx / πx.
+    result: np.ndarray = (
+        np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
+    )
     return result
 
 
 def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3), rad, of rotations (..., 3, 3), none longer than π."""
-    from scipy.spatial.transform import Rotation
+    from scipy.spatial.transform import Rotation  # not before it is needed: it takes long to load
 
     result: np.ndarray = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(rotation.shape[:-1])
     return result

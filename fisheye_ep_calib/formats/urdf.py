@@ -7,7 +7,6 @@ optical frames: x right, y down, z forward. (URDF, joint/origin.)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from xml.sax.saxutils import quoteattr
 
 from fisheye_ep_calib.formats.format import Format, Named, Written
 from fisheye_ep_calib.formats.placed_camera import PlacedCamera, floats
@@ -16,6 +15,8 @@ from fisheye_ep_calib.formats.static_transform import frame_of, several
 
 def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
     """A robot of its own, to be copied from."""
+    from xml.sax.saxutils import quoteattr  # loads the network's modules too, which every command would wait for
+
     from scipy.spatial.transform import Rotation
 
     parent = frame_of(several(cameras)[0].name)

@@ -15,9 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
+from fisheye_ep_calib.calibration.estimating.eliminated_system import Eliminated, Factored
 from fisheye_ep_calib.calibration.estimating.fit import Fit, opened
 from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
-from fisheye_ep_calib.calibration.estimating.shape_equations import Factored, ShapeEquations, block_system, solve_scaled
+from fisheye_ep_calib.calibration.estimating.shape_equations import (
+    BlockSystem,
+    ShapeEquations,
+    block_system,
+    solve_scaled,
+)
 from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD, ORDERS
@@ -27,6 +33,7 @@ from fisheye_ep_calib.target.shape.variances import Likelihood, Posterior, Varia
 LENS_GROUPS = tuple(f"lens order {order}" for order in ORDERS)
 JOINT_GROUPS = (*GROUPS, *VIEW_GROUPS, *LENS_GROUPS)
 FIRST_VIEW, FIRST_LENS = len(GROUPS), len(GROUPS) + len(VIEW_GROUPS)
+_FREE = -1  # without a prior
 _GATHERED = 1e-4  # of the mean square: what is less of a lens field's column, the others tell
 
 
@@ -38,6 +45,20 @@ class JointPosterior(Posterior):
 
     change: np.ndarray
     camera: np.ndarray
+    kinds: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class _Assembled:
+    """Normal equations of some groups. groups: by kind of unknown the group of each, or _FREE.
+
+    group (K,): of each coefficient. kinds: as of the posterior.
+    """
+
+    system: BlockSystem
+    gradient: dict[str, np.ndarray]
+    groups: dict[str, np.ndarray]
+    group: np.ndarray
     kinds: tuple[int, int, int]
 
 
@@ -63,6 +84,8 @@ class JointLinearisation:
         self._lens_columns = len(in_field) - len(field) + np.arange(len(self._lens_group))
         if len(field):
             self._camera_columns = np.arange(len(in_field) - len(field))
+        self._kept_assembled: tuple[bytes, _Assembled] | None = None
+        self._kept_eliminated: tuple[tuple[int, bytes], Eliminated] | None = None
         self.freedom = 2 * point_count - 6 * problem.view_count - len(self._camera_columns)
 
     @property
@@ -108,31 +131,58 @@ class JointLinearisation:
 
     def _solved(self, variances: Variances) -> tuple[Factored, tuple[int, int, int], Likelihood]:
         """The normal equations under these variances, factored; kinds of coefficients; the likelihood."""
-        used, penalties = variances.deviation > 0, variances.penalties
+        assembled = self._assembled(variances.deviation > 0)
+        of_group = np.append(variances.penalties, 0.0)
+        penalties = {kind: of_group[group] for kind, group in assembled.groups.items()}
+        solution = self._eliminated(assembled, penalties[assembled.system.block_kind]).factored(penalties)
+        objective = 2 * self._equations.cost - solution.decrease
+        likelihood = Likelihood(assembled.group, objective, solution.log_determinant, self.freedom)
+        return solution, assembled.kinds, likelihood
+
+    def _eliminated(self, assembled: _Assembled, penalty: np.ndarray) -> Eliminated:
+        """Without the unknowns in blocks; kept for the next variances, which may differ in others alone."""
+        key = (id(assembled), penalty.tobytes())
+        if self._kept_eliminated is None or self._kept_eliminated[0] != key:
+            self._kept_eliminated = None  # not two at a time: they are large
+            self._kept_eliminated = key, assembled.system.eliminated(assembled.gradient, penalty)
+        return self._kept_eliminated[1]
+
+    def _assembled(self, used: np.ndarray) -> _Assembled:
+        """The normal equations of the groups in use, without penalties; kept, as the next variances are of the same."""
+        key = used.tobytes()
+        if self._kept_assembled is None or self._kept_assembled[0] != key:
+            self._kept_assembled = self._kept_eliminated = None
+            self._kept_assembled = key, self._assemble(used)
+        return self._kept_assembled[1]
+
+    def _assemble(self, used: np.ndarray) -> _Assembled:
         equations = self._equations
         views = np.flatnonzero(used[self._view_group])
         view_group, lens = self._view_group[views], self._lens_columns[used[self._lens_group]]
         lens_group = self._lens_group[used[self._lens_group]]
         own, shared = np.concatenate([np.arange(6), 6 + views]), np.concatenate([self._camera_columns, lens])
-        pose = equations.pose[:, own[:, None], own]
-        pose[:, np.arange(6, len(own)), np.arange(6, len(own))] += penalties[view_group]
-        camera = equations.shared[np.ix_(shared, shared)]
-        first = len(self._camera_columns)
-        camera[np.arange(first, len(shared)), np.arange(first, len(shared))] += penalties[lens_group]
+        pose, camera = equations.pose[:, own[:, None], own], equations.shared[np.ix_(shared, shared)]
         shape, shape_group = self._chosen_shape(used, own, shared)
-        shape = shape.penalised(penalties[shape_group], np.zeros(len(shape_group)))
+        smooth, count = shape.smooth_size, len(pose)
         gradient = {
             "pose": equations.pose_gradient[:, own].reshape(-1),
             "camera": equations.shared_gradient[shared],
-            "smooth": shape.gradient[: shape.smooth_size],
-            "rough": shape.gradient[shape.smooth_size :],
+            "smooth": shape.gradient[:smooth],
+            "rough": shape.gradient[smooth:],
         }
-        mixed = equations.mixed[:, own[:, None], shared]
-        solution = block_system(pose, mixed, camera, shape).factored(gradient)
-        group = np.concatenate([shape_group, np.tile(view_group, len(pose)), lens_group])
-        kinds = (len(shape_group), len(view_group) * len(pose), len(lens_group))
-        objective = 2 * equations.cost - solution.decrease
-        return solution, kinds, Likelihood(group, objective, solution.log_determinant, self.freedom)
+        groups = {
+            "pose": np.tile(np.concatenate([np.full(6, _FREE), view_group]), count),
+            "camera": np.concatenate([np.full(len(self._camera_columns), _FREE), lens_group]),
+            "smooth": shape_group[:smooth],
+            "rough": shape_group[smooth:],
+        }
+        return _Assembled(
+            block_system(pose, equations.mixed[:, own[:, None], shared], camera, shape),
+            gradient,
+            groups,
+            np.concatenate([shape_group, np.tile(view_group, count), lens_group]),
+            (len(shape_group), len(view_group) * count, len(lens_group)),
+        )
 
     def _chosen_shape(self, used: np.ndarray, own: np.ndarray, shared: np.ndarray) -> tuple[ShapeEquations, np.ndarray]:
         """The shape's equations of the groups in use, with some of the views' and shared columns; their groups (K,)."""

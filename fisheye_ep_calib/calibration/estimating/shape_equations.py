@@ -15,9 +15,10 @@ smaller, and the points where q V < 3 N, q being the six of a pose and what else
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
+
+from fisheye_ep_calib.calibration.estimating.eliminated_system import Eliminated
 
 
 @dataclass(frozen=True)
@@ -128,105 +129,24 @@ class BlockSystem:
         blocks = np.linalg.solve(self.blocks, own).reshape(self._rows, columns) - flat @ dense
         return {name: dense[place] if is_dense else blocks for name, (is_dense, place) in self.places.items()}
 
-    def factored(self, gradient: dict[str, np.ndarray]) -> Factored:
-        """The system with a gradient by kind of unknown. Raises numpy.linalg.LinAlgError where something is left open.
+    @property
+    def block_kind(self) -> str:
+        """Of unknowns, that the blocks are of."""
+        return next(name for name, (is_dense, _) in self.places.items() if not is_dense)
 
-        In units in which R has ones on its diagonal, R = L Lᵀ.
-        """
-        from scipy.linalg import lapack  # half a second that a command's --help need not wait for
-
-        own = gradient[next(name for name, (is_dense, _) in self.places.items() if not is_dense)]
+    def eliminated(self, gradient: dict[str, np.ndarray], penalty: np.ndarray) -> Eliminated:
+        """Without the blocks' unknowns, with a gradient by kind; penalty (k · b,): on their diagonal."""
         dense = np.zeros(len(self.dense))
         for name, (is_dense, place) in self.places.items():
             if is_dense:
                 dense[place] = gradient[name]
-        factor = np.linalg.inv(np.linalg.cholesky(self.blocks))
+        blocks, diagonal = self.blocks.copy(), np.arange(self.blocks.shape[-1])
+        blocks[:, diagonal, diagonal] += penalty.reshape(len(blocks), -1)
+        factor = np.linalg.inv(np.linalg.cholesky(blocks))
         half = factor @ self.coupling
-        half_own = factor @ own.reshape(*self.blocks.shape[:2], 1)
+        own = factor @ gradient[self.block_kind].reshape(*blocks.shape[:2], 1)
         flat = half.reshape(self._rows, -1)
-        reduced = self.dense - flat.T @ flat
-        scale = 1 / np.sqrt(np.maximum(np.diag(reduced), 1e-300))
-        if len(reduced):
-            reduced, failed = lapack.dpotrf(reduced * scale[:, None] * scale, lower=1, overwrite_a=1)
-            if failed:
-                raise np.linalg.LinAlgError
-        right = scale * (dense - flat.T @ half_own.reshape(-1))
-        return Factored(self.places, factor, half, half_own, reduced, scale, right)
-
-
-@dataclass(frozen=True)
-class Factored:
-    """A ``BlockSystem`` H x = −g with D = L Lᵀ and R = L Lᵀ: what it says is worked out as far as it is asked for.
-
-    block_factor (k, b, b): L⁻¹ of the blocks. half (k, b, d): L⁻¹ G; half_gradient (k, b, 1): L⁻¹ g_e. dense_factor
-    (d, d): L of S R S, S = diag(scale) (d,). right (d,): S (g_d − Gᵀ D⁻¹ g_e).
-    """
-
-    places: dict[str, tuple[bool, slice]]
-    block_factor: np.ndarray
-    half: np.ndarray
-    half_gradient: np.ndarray
-    dense_factor: np.ndarray
-    scale: np.ndarray
-    right: np.ndarray
-
-    @cached_property
-    def log_determinant(self) -> float:
-        """log |H| = log |D| + log |R|."""
-        dense = np.log(np.diag(self.dense_factor)).sum() - np.log(self.scale).sum()
-        return 2 * float(dense - np.log(np.einsum("kii->ki", self.block_factor)).sum())
-
-    @cached_property
-    def decrease(self) -> float:
-        """gᵀ H⁻¹ g, by which twice the cost falls with the step."""
-        dense, own = self._half_right, self.half_gradient.reshape(-1)
-        return float(own @ own + dense @ dense)
-
-    @cached_property
-    def step(self) -> dict[str, np.ndarray]:
-        """−H⁻¹ g by kind of unknown."""
-        dense = -self.scale * (self._inverse_factor.T @ self._half_right)
-        own = self.half_gradient + (self.half @ dense)[..., None]
-        return self._by_kind(dense, -(self.block_factor.transpose(0, 2, 1) @ own).reshape(-1))
-
-    @cached_property
-    def variance(self) -> dict[str, np.ndarray]:
-        """The diagonal of H⁻¹ by kind of unknown; of the blocks it is that of D⁻¹ + (D⁻¹ G) R⁻¹ (D⁻¹ G)ᵀ."""
-        from scipy.linalg import blas
-
-        inverse, transposed = self._inverse_factor, self.block_factor.transpose(0, 2, 1)
-        blocks = (self.block_factor**2).sum(axis=1).reshape(-1)
-        if len(inverse) and blocks.size:
-            coupled = (transposed @ (self.half * self.scale)).reshape(len(blocks), -1)
-            spread = blas.dtrmm(1.0, inverse, coupled.T, lower=1)  # half of what a full product costs
-            blocks = blocks + np.einsum("dk,dk->k", spread, spread)
-        return self._by_kind((inverse**2).sum(axis=0) * self.scale**2, blocks)
-
-    @cached_property
-    def camera(self) -> np.ndarray:
-        """The camera's block (P, P) of H⁻¹."""
-        place = self.places["camera"][1]
-        own = self._inverse_factor[:, place] * self.scale[place]
-        return np.asarray(own.T @ own)
-
-    @cached_property
-    def _half_right(self) -> np.ndarray:
-        """L⁻¹ S (g_d − Gᵀ D⁻¹ g_e), (d,)."""
-        from scipy.linalg import lapack
-
-        return np.asarray(lapack.dtrtrs(self.dense_factor, self.right, lower=1)[0] if len(self.right) else self.right)
-
-    @cached_property
-    def _inverse_factor(self) -> np.ndarray:
-        """L⁻¹ of the dense part, (d, d)."""
-        from scipy.linalg import lapack
-
-        if len(self.right) == 0:
-            return self.dense_factor
-        return np.tril(lapack.dtrtri(self.dense_factor, lower=1)[0])
-
-    def _by_kind(self, dense: np.ndarray, blocks: np.ndarray) -> dict[str, np.ndarray]:
-        return {name: dense[place] if is_dense else blocks for name, (is_dense, place) in self.places.items()}
+        return Eliminated(self.places, factor, half, own, self.dense - flat.T @ flat, dense - flat.T @ own.reshape(-1))
 
 
 def solve_scaled(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

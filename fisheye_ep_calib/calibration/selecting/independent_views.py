@@ -29,6 +29,8 @@ _SAME_PLACE = 0.01  # of the image's longer side, likewise
 _COMMON = 0.5  # of the points of the view that has fewer: less in common is another view
 _FEWEST_COMMON = 6  # points: fewer hardly tell a motion from noise
 _PAIRED = 0.1  # of the distance between neighbouring points: what differs by more is not the same point
+_FEW = 60  # views of which every pair is compared
+_FEW_PAIRS = 1_000_000  # of points, of two views that are compared point by point
 _MEDIAN_TO_SIGMA = 1.4826  # of the absolute values of a Gaussian
 
 
@@ -145,10 +147,8 @@ class _PointsOfViews:
         −1 for points that the first does not have, where names differ between the two.
         """
         rows_a, rows_b = self.rows[first], self.rows[second]
-        from scipy.spatial import cKDTree
-
-        distance, nearest = cKDTree(self._pixels[rows_a]).query(self._pixels[rows_b], distance_upper_bound=self._reach)
-        common = np.isfinite(distance)
+        distance, nearest = _nearest(self._pixels[rows_a], self._pixels[rows_b], len(self.rows) <= _FEW)
+        common = distance < self._reach
         if common.sum() < max(_FEWEST_COMMON, _COMMON * min(len(rows_a), len(rows_b))):
             return None
         partner = rows_a[nearest[common]]
@@ -168,14 +168,36 @@ class _PointsOfViews:
 
     def _pitch(self, rows: np.ndarray) -> float:
         """Median distance, px, of a view's points to their nearest neighbours."""
-        from scipy.spatial import cKDTree
+        square = _squares(self._pixels[rows], self._pixels[rows])
+        np.fill_diagonal(square, np.inf)
+        return float(np.median(np.sqrt(square.min(axis=1))))
 
-        distance, _ = cKDTree(self._pixels[rows]).query(self._pixels[rows], k=2)
-        return float(np.median(distance[:, 1]))
+
+def _squares(points: np.ndarray, others: np.ndarray) -> FloatArray:
+    """Squares (n, m) of the distances of points (n, 2) to others (m, 2)."""
+    return np.asarray(sum((points[:, None, axis] - others[:, axis]) ** 2 for axis in range(2)))
+
+
+def _nearest(points: np.ndarray, others: np.ndarray, is_rare: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Of each of others (m, 2) the distance of the nearest point (n, 2), and its number.
+
+    is_rare: whether it is asked for seldom, so that to load scipy.spatial would take longer.
+    """
+    if is_rare and len(points) * len(others) <= _FEW_PAIRS:
+        square = _squares(others, points)
+        nearest = square.argmin(axis=1)
+        return np.sqrt(square[np.arange(len(others)), nearest]), nearest
+    from scipy.spatial import cKDTree
+
+    distance, nearest = cKDTree(points).query(others)
+    return distance, nearest
 
 
 def _neighbours(values: np.ndarray, reach: float) -> list[list[int]]:
     """Of each row (V, k) the rows that differ by no more than the reach in every column."""
+    if len(values) <= _FEW:  # to load scipy.spatial would take longer
+        near = (np.abs(values[:, None] - values) <= reach).all(axis=-1)
+        return [np.flatnonzero(row).tolist() for row in near]
     from scipy.spatial import cKDTree
 
     return list(cKDTree(values).query_ball_point(values, reach, p=np.inf))
