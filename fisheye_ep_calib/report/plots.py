@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.report.data import CameraReport, StandInLoss
-from fisheye_ep_calib.report.drawing.notebook import NotebookAxes
 from fisheye_ep_calib.report.figures.board import draw_board
 from fisheye_ep_calib.report.figures.coverage import draw_coverage, draw_distances, draw_uncertainty
 from fisheye_ep_calib.report.figures.curves import draw_lens, draw_near_far, draw_pupil, draw_stand_in
@@ -82,7 +81,7 @@ class CameraPlots:
 
 def _drawn(ax: Axes | None, draw: Any, *data: Any) -> Axes:
     axes = _new_axes() if ax is None else ax
-    draw(NotebookAxes(axes), *data)
+    draw(axes, *data)
     return axes
 
 

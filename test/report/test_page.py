@@ -12,7 +12,6 @@ import pytest
 from matplotlib import pyplot
 
 from fisheye_ep_calib import calibrate
-from fisheye_ep_calib.report.drawing.notebook import NotebookAxes
 from fisheye_ep_calib.report.figures.board import draw_board
 from fisheye_ep_calib.report.from_calibration import calibration_report
 from fisheye_ep_calib.report.html import report_html, write_report
@@ -155,7 +154,7 @@ def test_arrows_and_colours_of_the_board_are_its_deviation():
     points = np.stack([x.ravel(), y.ravel(), np.zeros(12)], axis=-1)
     deviation = np.random.default_rng(1).normal(scale=1e-4, size=(12, 3))
     axes = Figure().add_subplot()
-    factor = draw_board(NotebookAxes(axes), BoardShape("free", points, deviation))
+    factor = draw_board(axes, BoardShape("free", points, deviation))
     arrows = next(one for one in axes.get_children() if isinstance(one, Quiver))
     np.testing.assert_allclose(np.stack([arrows.U, arrows.V], -1), factor * 1e3 * deviation[:, :2])
     dots = next(one for one in axes.get_children() if isinstance(one, PathCollection))

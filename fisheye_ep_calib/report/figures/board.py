@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
-from fisheye_ep_calib.report.drawing.colours import Colouring
-from fisheye_ep_calib.report.drawing.frame import INK
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
+
 from fisheye_ep_calib.report.figures.residuals import magnification
-from fisheye_ep_calib.report.figures.style import SERIES, AnyAxes, svg
+from fisheye_ep_calib.report.figures.style import INK, SERIES, svg
 from fisheye_ep_calib.target.shape.measured import BoardShape
 
 HEIGHT_MAP = "RdYlBu_r"
 _LEAST_HEIGHT_MM = 1e-3  # what the colours span at least
 
 
-def draw_board(axes: AnyAxes, board: BoardShape) -> float:
+def draw_board(axes: Axes, board: BoardShape) -> float:
     """Heights as colours, in-plane deviations as arrows, both mm; returns by how much the arrows are enlarged.
 
     x and y are the board's own axes, y down as on most prints; a height is along the normal, x × y.
@@ -23,14 +25,26 @@ def draw_board(axes: AnyAxes, board: BoardShape) -> float:
     moved = 1e3 * board.in_board_axes
     height = moved[:, 2]
     reach = max(float(np.abs(height).max()), _LEAST_HEIGHT_MM)
-    colouring = Colouring(HEIGHT_MAP, -reach, reach)
+    colours: dict[str, Any] = {"cmap": HEIGHT_MAP, "vmin": -reach, "vmax": reach}
     size = max(float(np.ptp(place, axis=0).max()), 1e-9)
     if board.frame.planar and len(place) > 3 and np.ptp(place, axis=0).min() > 1e-3 * size:
-        axes.tripcolor(place[:, 0], place[:, 1], height, colouring)
-    axes.scatter(place[:, 0], place[:, 1], height, 14, INK, colouring)
+        axes.tripcolor(place[:, 0], place[:, 1], height, shading="gouraud", rasterized=True, **colours)
+    points = axes.scatter(place[:, 0], place[:, 1], c=height, s=14, edgecolors=INK, linewidths=0.4, zorder=2, **colours)
     factor = magnification(np.linalg.norm(moved[:, :2], axis=1), size / 18)
-    axes.quiver(*place.T, *(factor * moved[:, :2]).T, width=0.005, color=SERIES[3])
-    axes.color_bar(colouring, "height, mm", lambda value: f"{value:.2g}".replace("-", "−"))
+    axes.quiver(
+        *place.T,
+        *(factor * moved[:, :2]).T,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        width=0.005,
+        color=SERIES[3],
+        zorder=3,
+    )
+    bar = axes.figure.colorbar(points, ax=axes, shrink=0.85)
+    bar.set_label("height, mm")
+    bar.outline.set_visible(False)
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2g}".replace("-", "−")))
     margin = 0.08 * size
     axes.set(
         xlabel="x on the board, mm",
@@ -47,5 +61,5 @@ def board_figure(board: BoardShape, identity: str) -> tuple[str, float]:
     factors: list[float] = []
     extent = np.ptp(board.frame.local(board.object_points)[:, :2], axis=0)
     height = 0.7 + 3.3 * float(np.clip(extent[1] / max(extent[0], 1e-12), 0.4, 1.3))
-    drawn = svg(lambda axes: factors.append(draw_board(axes, board)), identity, (4.6, height))
+    drawn = svg(lambda figure: factors.append(draw_board(figure.add_subplot(), board)), identity, (4.6, height))
     return drawn, factors[0]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from matplotlib.figure import Figure
+
 from fisheye_ep_calib.calibration.assessing.error_budget import ErrorBudget
-from fisheye_ep_calib.report.drawing import PageAxes
 from fisheye_ep_calib.report.figures.style import ACCENT, svg
 
 _SOURCES = {
@@ -18,11 +19,13 @@ _SOURCES = {
 def budget_figure(budget: ErrorBudget, identity: str) -> str:
     """A bar for each source, RMS in px."""
 
-    def draw(axes: PageAxes) -> None:
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
         shares = budget.to_dict()
-        texts = [f"{share:.3f}" for share in shares.values()]
-        axes.barh([_SOURCES[name] for name in shares], list(shares.values()), ACCENT, texts)
-        axes.margins(0.12, 0.05)
+        bars = axes.barh([_SOURCES[name] for name in shares], list(shares.values()), color=ACCENT)
+        axes.bar_label(bars, fmt="%.3f", padding=3)
+        axes.invert_yaxis()
+        axes.margins(x=0.12)
         axes.set(xlabel="RMS, px", xlim=(0, None))
 
     return svg(draw, identity)

@@ -6,16 +6,17 @@ Each is drawn on axes; ``…_figure`` makes an SVG of it for the page.
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
 
 from fisheye_ep_calib.report.data import LensCurve, ModelCurve, NearFar, StandInLoss
-from fisheye_ep_calib.report.drawing.frame import INK
-from fisheye_ep_calib.report.figures.style import ACCENT, SECOND, SERIES, AnyAxes, svg
+from fisheye_ep_calib.report.figures.style import ACCENT, INK, SECOND, SERIES, svg
 
 _DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)))
 _LEAST_LOSS = 1e-3  # px; less cannot be told from nothing
 
 
-def draw_pupil(axes: AnyAxes, models: tuple[ModelCurve, ...]) -> None:
+def draw_pupil(axes: Axes, models: tuple[ModelCurve, ...]) -> None:
     """E(θ), mm, of every model with its 1σ band."""
     lowest, highest = [0.0], [0.0]
     for number, model in enumerate(sorted(models, key=lambda entry: not entry.chosen)):
@@ -38,10 +39,10 @@ def draw_pupil(axes: AnyAxes, models: tuple[ModelCurve, ...]) -> None:
 
 
 def pupil_figure(models: tuple[ModelCurve, ...], identity: str) -> str:
-    return svg(lambda axes: draw_pupil(axes, models), identity)
+    return svg(lambda figure: draw_pupil(figure.add_subplot(), models), identity)
 
 
-def draw_lens(axes: AnyAxes, lens: LensCurve) -> None:
+def draw_lens(axes: Axes, lens: LensCurve) -> None:
     """fx r(θ) − fx θ, px, with its 1σ band."""
     degrees, off = np.degrees(lens.theta), lens.radius_px - lens.focal_px * lens.theta
     axes.fill_between(degrees, off - lens.sigma_px, off + lens.sigma_px, color=ACCENT, alpha=0.25, lw=0)
@@ -51,10 +52,10 @@ def draw_lens(axes: AnyAxes, lens: LensCurve) -> None:
 
 
 def lens_figure(lens: LensCurve, identity: str) -> str:
-    return svg(lambda axes: draw_lens(axes, lens), identity)
+    return svg(lambda figure: draw_lens(figure.add_subplot(), lens), identity)
 
 
-def draw_near_far(axes: AnyAxes, near_far: NearFar) -> None:
+def draw_near_far(axes: Axes, near_far: NearFar) -> None:
     """Difference at infinity of the halves' cameras by angle, and what noise leads to expect."""
     axes.plot(near_far.theta_deg, near_far.difference_px, "o-", ms=4, color=SECOND, label="near half − far half")
     axes.fill_between(near_far.theta_deg, 0, near_far.expected_px, color=ACCENT, alpha=0.3, lw=0)
@@ -64,17 +65,22 @@ def draw_near_far(axes: AnyAxes, near_far: NearFar) -> None:
 
 
 def near_far_figure(near_far: NearFar, identity: str) -> str:
-    return svg(lambda axes: draw_near_far(axes, near_far), identity)
+    return svg(lambda figure: draw_near_far(figure.add_subplot(), near_far), identity)
 
 
-def draw_stand_in(axes: AnyAxes, stand_in: StandInLoss) -> None:
+def draw_stand_in(axes: Axes, stand_in: StandInLoss) -> None:
     """RMS that the single-viewpoint stand-in loses by distance."""
     distance = np.array(sorted(stand_in.loss_px))
     loss = np.array([stand_in.loss_px[metres] for metres in distance])
     axes.loglog(distance, np.maximum(loss, _LEAST_LOSS), "o-", ms=5, color=SECOND)
     for x, y in zip(distance, loss, strict=True):
-        axes.annotate(f"{y:.2g} px", x, max(y, _LEAST_LOSS), (6, 4))
-    axes.margins(0.12, 0.15)
+        axes.annotate(f"{y:.2g} px", (x, max(y, _LEAST_LOSS)), textcoords="offset points", xytext=(6, 4))
+    axes.margins(x=0.12, y=0.15)
+    axes.minorticks_off()
+    plain = FuncFormatter(lambda value, _: f"{value:g}")
+    axes.set_xticks(distance[np.isfinite(distance)])
+    axes.xaxis.set_major_formatter(plain)
+    axes.yaxis.set_major_formatter(plain)
     axes.set(xlabel="distance, m", ylabel="RMS lost over the image, px")
 
 
@@ -83,4 +89,4 @@ def stand_in_figure(stand_in: StandInLoss, identity: str) -> str | None:
     loss = np.array(list(stand_in.loss_px.values()))
     if not np.isfinite(loss).any() or np.nanmax(loss) < _LEAST_LOSS:
         return None
-    return svg(lambda axes: draw_stand_in(axes, stand_in), identity)
+    return svg(lambda figure: draw_stand_in(figure.add_subplot(), stand_in), identity)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from fisheye_ep_calib.report.drawing import PageAxes
 from fisheye_ep_calib.report.figures.residuals import magnification
-from fisheye_ep_calib.report.figures.style import ACCENT, SERIES, svg
+from fisheye_ep_calib.report.figures.style import ACCENT, SERIES, image_axes, svg
 
 
 def difference_by_angle_figure(
@@ -14,7 +14,8 @@ def difference_by_angle_figure(
 ) -> str:
     """RMS difference (distances, rings) by angle, and dashed what the uncertainties lead to expect."""
 
-    def draw(axes: PageAxes) -> None:
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
         for number, label in enumerate(labels):
             color = SERIES[number % len(SERIES)]
             axes.plot(theta_deg, difference_px[number], "o-", ms=3.5, color=color, label=label)
@@ -35,10 +36,18 @@ def difference_vectors_figure(
     length = np.linalg.norm(difference_px[finite], axis=-1)
     factor = magnification(length, max(size) / 20)
 
-    def draw(axes: PageAxes) -> None:
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
         if finite.any():
-            arrows = factor * difference_px[finite]
-            axes.quiver(*pixels[finite].T, *arrows.T, width=0.003, color=ACCENT)
-        axes.over_image(size)
+            axes.quiver(
+                *pixels[finite].T,
+                *(factor * difference_px[finite]).T,
+                angles="xy",
+                scale_units="xy",
+                scale=1,
+                width=0.003,
+                color=ACCENT,
+            )
+        image_axes(axes, size)
 
     return svg(draw, identity, (4.6, 0.6 + 4.0 * height / width)), factor

@@ -6,10 +6,10 @@ Each is drawn on axes; ``…_figure`` makes an SVG of it for the page.
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from fisheye_ep_calib.report.data import Rejected, Residuals
-from fisheye_ep_calib.report.drawing.frame import INK
-from fisheye_ep_calib.report.figures.style import ACCENT, SECOND, SERIES, AnyAxes, plain_log_ticks, svg
+from fisheye_ep_calib.report.figures.style import ACCENT, INK, SECOND, SERIES, image_axes, plain_log_ticks, svg
 
 _CELLS = 16  # along the longer side of the image
 _LEAST_POINTS = 4  # in a cell or a bin whose mean is shown
@@ -28,7 +28,7 @@ def magnification(lengths_px: np.ndarray, target_px: float) -> float:
 
 
 def draw_residual_vectors(
-    axes: AnyAxes, residuals: Residuals, rejected: tuple[Rejected, ...], size: tuple[int, int]
+    axes: Axes, residuals: Residuals, rejected: tuple[Rejected, ...], size: tuple[int, int]
 ) -> tuple[float, float]:
     """Every residual as a faint vector, the mean of each cell as a strong one; returns both magnifications."""
     longer = max(size)
@@ -37,13 +37,22 @@ def draw_residual_vectors(
     middle, mean = _cell_means(residuals, longer / _CELLS)
     mean_factor = magnification(np.linalg.norm(mean, axis=-1), longer / 22) if len(mean) else 1.0
     ends = residuals.pixels + factor * residuals.error
-    axes.segments(residuals.pixels, ends, color=ACCENT, lw=0.6, alpha=0.8)
+    lines = np.stack([residuals.pixels, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2)
+    axes.plot(*lines.T, color=ACCENT, lw=0.6, alpha=0.8, rasterized=True)
     if len(mean):
-        axes.quiver(*middle.T, *(mean_factor * mean).T, width=0.0045, color=SECOND)
+        axes.quiver(
+            *middle.T,
+            *(mean_factor * mean).T,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.0045,
+            color=SECOND,
+            zorder=3,
+        )
     if rejected:
-        wrong = np.array([point.pixel for point in rejected])
-        axes.plot(wrong[:, 0], wrong[:, 1], "x", ms=4, mew=1.1, color=SERIES[4])
-    axes.over_image(size)
+        axes.plot(*np.array([point.pixel for point in rejected]).T, "x", ms=4, mew=1.1, color=SERIES[4])
+    image_axes(axes, size)
     return factor, mean_factor
 
 
@@ -53,7 +62,7 @@ def residual_vectors_figure(
     """The SVG, and both magnifications."""
     factors: list[tuple[float, float]] = []
     drawn = svg(
-        lambda axes: factors.append(draw_residual_vectors(axes, residuals, rejected, size)),
+        lambda figure: factors.append(draw_residual_vectors(figure.add_subplot(), residuals, rejected, size)),
         identity,
         (4.6, 0.6 + 4.0 * size[1] / size[0]),
     )
@@ -72,14 +81,14 @@ def _cell_means(residuals: Residuals, side: float) -> tuple[np.ndarray, np.ndarr
     return (cells[enough] + 0.5) * side, mean[enough]
 
 
-def draw_residuals_by_angle(axes: AnyAxes, residuals: Residuals) -> None:
+def draw_residuals_by_angle(axes: Axes, residuals: Residuals) -> None:
     """Radial and tangential parts against θ: a mean off zero is an error of the model, spread is noise."""
     along = residuals.azimuth
     radial = residuals.error[:, 0] * np.cos(along) + residuals.error[:, 1] * np.sin(along)
     tangential = -residuals.error[:, 0] * np.sin(along) + residuals.error[:, 1] * np.cos(along)
     degrees = np.degrees(residuals.theta)
     axes.axhline(0, color=INK, lw=0.7)
-    axes.plot(degrees, radial, ".", ms=2.2, color=ACCENT, alpha=0.5)
+    axes.plot(degrees, radial, ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
     edges = np.linspace(0, degrees.max() * (1 + 1e-9), _BINS + 1)
     _binned_mean(axes, degrees, radial, edges, SECOND, "mean, radial")
     _binned_mean(axes, degrees, tangential, edges, SERIES[2], "mean, tangential")
@@ -89,30 +98,31 @@ def draw_residuals_by_angle(axes: AnyAxes, residuals: Residuals) -> None:
 
 
 def residuals_by_angle_figure(residuals: Residuals, identity: str) -> str:
-    return svg(lambda axes: draw_residuals_by_angle(axes, residuals), identity)
+    return svg(lambda figure: draw_residuals_by_angle(figure.add_subplot(), residuals), identity)
 
 
-def draw_residuals_by_distance(axes: AnyAxes, residuals: Residuals) -> None:
+def draw_residuals_by_distance(axes: Axes, residuals: Residuals) -> None:
     """Lengths against distance, with their RMS."""
     length = np.linalg.norm(residuals.error, axis=-1)
     distance = residuals.distance
-    axes.plot(distance, length, ".", ms=2.2, color=ACCENT, alpha=0.5)
+    axes.plot(distance, length, ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
     wide = distance.max() > 4 * distance.min()
     space = np.geomspace if wide else np.linspace
     edges = space(distance.min() * (1 - 1e-9), distance.max() * (1 + 1e-9) + 1e-12, _BINS + 1)
     middle, square = _bin_means(distance, length**2, edges)
     axes.plot(middle, np.sqrt(square), "o-", ms=3.5, color=SECOND, label="RMS")
     if wide:
-        axes.log_ticks("x", plain_log_ticks(distance))
+        axes.set_xscale("log")
+        plain_log_ticks(axes.xaxis, distance)
     axes.set(xlabel="distance, m", ylabel="residual, px", ylim=(0, 1.15 * float(np.quantile(length, 0.995))))
     axes.legend()
 
 
 def residuals_by_distance_figure(residuals: Residuals, identity: str) -> str:
-    return svg(lambda axes: draw_residuals_by_distance(axes, residuals), identity)
+    return svg(lambda figure: draw_residuals_by_distance(figure.add_subplot(), residuals), identity)
 
 
-def _binned_mean(axes: AnyAxes, x: np.ndarray, y: np.ndarray, edges: np.ndarray, color: str, label: str) -> None:
+def _binned_mean(axes: Axes, x: np.ndarray, y: np.ndarray, edges: np.ndarray, color: str, label: str) -> None:
     """Mean by bin with its standard error."""
     middle, mean = _bin_means(x, y, edges)
     _, square = _bin_means(x, y**2, edges)
