@@ -103,6 +103,8 @@ def test_the_page_shows_streams_and_acts(start_calibrator, start_publisher, brow
     wait_for(lambda: "No image on /nowhere" in text(browser, "say"), "the other camera")
     browser.evaluate("document.querySelector('#tabs [data-name=\" rig\"]').click()")
     wait_for(lambda: "front and rear both see it" in text(browser, "rig-say"), "the rig")
+    pictures = "[...document.querySelectorAll('#rig-pictures img')].map(i => new URL(i.src).pathname).join()"
+    assert browser.evaluate(pictures) == "/stream/front,/stream/rear"
     assert browser.complaints() == []
     assert all(url.startswith(page_of(node)) for url in browser.requests())
     assert node.interrupt()[0] == 0 and "Traceback" not in node.output

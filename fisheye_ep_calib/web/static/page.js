@@ -15,6 +15,7 @@ const SIGNS = {
 const KEPT_STAYS = 1500; // milliseconds for which the sign of a kept view is not replaced
 const ADVICE = { "blurred": "hold it still", "not new": "move on", "too few points": "nearer, or less tilted" };
 const RIG = " rig"; // no camera's name
+const MOST_PICTURES = 4; // at once: a browser opens six connections, and needs two for the rest
 
 let latest = null;
 let chosen = decodeURIComponent(location.hash.slice(1));
@@ -44,6 +45,7 @@ function show() {
   showTabs(names);
   at("camera").hidden = chosen === RIG;
   at("rig").hidden = chosen !== RIG;
+  showRigPictures(chosen === RIG ? names.slice(0, MOST_PICTURES) : []);
   if (chosen === RIG) showRig(latest.rig);
   else if (chosen) showCamera(chosen, latest.cameras[chosen]);
 }
@@ -276,6 +278,22 @@ function showRig(rig) {
   const placed = Object.entries(rig.calibration?.cameras ?? {});
   at("rig-cameras-title").hidden = placed.length === 0;
   at("rig-cameras").replaceChildren(...placed.map(([name, one]) => row(name, one.position_m.map((value) => `${(1e3 * value).toFixed(2)} mm`).join(", "))));
+}
+
+// What some of the cameras see, side by side, while the rig is looked at.
+function showRigPictures(names) {
+  const place = at("rig-pictures");
+  if (place.dataset.names === names.join()) return;
+  place.dataset.names = names.join();
+  for (const picture of place.querySelectorAll("img")) picture.removeAttribute("src"); // ends its stream
+  place.replaceChildren(...names.map((name) => {
+    const picture = Object.assign(new Image(), { alt: `what ${name} sees`, src: `stream/${encodeURIComponent(name)}` });
+    picture.onerror = () => setTimeout(() => { place.dataset.names = ""; }, 2000); // the node was started anew
+    const figure = document.createElement("figure"), caption = document.createElement("figcaption");
+    caption.textContent = name;
+    figure.append(caption, picture);
+    return figure;
+  }));
 }
 
 async function act(button) {
