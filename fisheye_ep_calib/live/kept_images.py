@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from itertools import count
 from pathlib import Path
 
 import cv2
@@ -44,9 +45,9 @@ class KeptImages:
         with self._lock:
             frames = [frame for frame in self._recent.get(camera, ()) if frame.name == name]
         if frames:
-            path = self._folder / camera / f"{name}.png"
+            content = _png(frames[-1])
             with self._lock:
-                self._waiting.append((path, _png(frames[-1])))
+                self._waiting.append((self._unused(camera, name), content))
             self.write()
 
     def write(self) -> None:
@@ -63,6 +64,16 @@ class KeptImages:
                 self._announcer.warn_once("pool images", text)
             else:
                 self._announcer.over("pool images", "the images that waited are written now")
+
+    def _unused(self, camera: str, name: str) -> Path:
+        """Where no earlier image is: names come back where a bag is played again, or a driver stamps nothing."""
+        waiting = {path for path, _ in self._waiting}
+        path = self._folder / camera / f"{name}.png"
+        for number in count(2):
+            if path not in waiting and not path.exists():
+                break
+            path = path.with_name(f"{name}_{number}.png")
+        return path
 
     def set_aside(self, camera: str) -> None:
         """The camera starts anew; its earlier images are renamed."""
