@@ -14,11 +14,12 @@ from fisheye_ep_calib.target.detection import Detection, check_image
 from fisheye_ep_calib.target.markers.arrangement import Reading, arrange
 from fisheye_ep_calib.target.markers.codebook import Codebook
 from fisheye_ep_calib.target.markers.marker_board import MANY_MARKERS, complete_corners, corners_by_markers
-from fisheye_ep_calib.target.markers.mismatch import why_no_board
+from fisheye_ep_calib.target.markers.mismatch import MIRRORED, read_in_a_mirror, why_no_board
 from fisheye_ep_calib.target.markers.search import Markers, find_markers
 from fisheye_ep_calib.target.sharpness import why_not
 
 FEWEST_CORNERS = 6  # of a view
+FEW_MARKERS = 6  # that may be those of another board in a mirror
 MORE_CORNERS = 2  # than the file as it is, for another reading that as many markers agree with
 MOSTLY_FOUND = 0.97  # of the points of the first look, or of all: the reading is the right one
 
@@ -57,8 +58,11 @@ class MarkerBoardDetector:
         place = np.searchsorted(self.numbers, board.number)
         arrangement = arrange(place, board.corners, self.readings)
         reading = arrangement.reading
-        if reading is None or reading.fault:
-            reason = reading.fault if reading else why_no_board(image, markers, self.numbers, self.book, self.touching)
+        reason = reading.fault if reading else why_no_board(image, markers, self.numbers, self.book, self.touching)
+        # Some markers of a small dictionary are others in a mirror, and some of these may happen to lie as they should.
+        if 0 < len(board) < FEW_MARKERS and read_in_a_mirror(image, markers.candidates, self.book) > 2 * len(board):
+            reason = MIRRORED
+        if reading is None or reason:
             return Detection(reason=reason, rejected=np.vstack([markers.rejected, markers.corners.mean(axis=1)]))
         chosen = arrangement.chosen
         detection = self._measure(image, board[chosen], place[chosen], reading)

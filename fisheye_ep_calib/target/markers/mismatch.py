@@ -11,6 +11,7 @@ from fisheye_ep_calib.target.markers.search import Markers, candidate_quads
 FEWEST = 4  # markers that mean something
 CHANCES = 5.0  # times as many as chance makes of so many squares
 BOARD_NOT_FOUND = "board not found"
+MIRRORED = "the image is mirrored: its markers can be read in a mirror only"
 
 
 def why_no_board(image: np.ndarray, markers: Markers, numbers: np.ndarray, book: Codebook, touching: bool) -> str:
@@ -32,19 +33,17 @@ def _other_numbers(other: np.ndarray, numbers: np.ndarray) -> str:
 
 def _unknown_markers(image: np.ndarray, quads: np.ndarray, book: Codebook, touching: bool) -> str:
     """What squares with a black border, quads (q, 4, 2), are, of which the dictionary knows none; empty where that
-    cannot be told. touching: they were parted from others at their corners; then as they are is tried too.
+    cannot be told. touching: whether they were parted from others at their corners; the other way is tried too.
     """
     others = _other_markers(image, quads, book)
-    if others or not touching or len(quads) < FEWEST:
+    if others or len(quads) < FEWEST:
         return others
-    return _other_markers(image, candidate_quads(image, book, touching=False), book)
+    return _other_markers(image, candidate_quads(image, book, touching=not touching), book)
 
 
 def _other_markers(image: np.ndarray, quads: np.ndarray, book: Codebook) -> str:
-    cells, framed = read_cells(image, quads, book.codes.shape[1], book.border)
-    number, _, _ = book.match(cells[framed], mirrored=True)
-    if len(np.unique(number[number >= 0])) >= FEWEST:
-        return "the image is mirrored: its markers can be read in a mirror only"
+    if read_in_a_mirror(image, quads, book) >= FEWEST:
+        return MIRRORED
     most, description = FEWEST - 1, ""
     for border in (book.border, 3 - book.border):
         for inner, names in _by_side().items():
@@ -54,6 +53,13 @@ def _other_markers(image: np.ndarray, quads: np.ndarray, book: Codebook) -> str:
                 if len(exact) > most:
                     most, description = len(exact), _described(_smallest(name, int(exact.max())), border)
     return f"markers of {description} are seen, not of {_described(book.name, book.border)}" if description else ""
+
+
+def read_in_a_mirror(image: np.ndarray, quads: np.ndarray, book: Codebook) -> int:
+    """How many markers of a dictionary quadrilaterals (q, 4, 2) are, as a mirror shows them."""
+    cells, framed = read_cells(image, quads, book.codes.shape[1], book.border)
+    number, _, _ = book.match(cells[framed], mirrored=True)
+    return len(np.unique(number[number >= 0]))
 
 
 def _by_side() -> dict[int, list[str]]:
