@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.collection.progress import OnProgress, seldom, unheard
-from fisheye_ep_calib.errors import InputError, Interrupted
+from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
 from fisheye_ep_calib.pipeline.camera_source import CameraSource, source_of_run, sources_of_files
 from fisheye_ep_calib.pipeline.found_so_far import Log, keeping_what_was_found
 from fisheye_ep_calib.pipeline.names import Topics, named_topics
@@ -84,7 +85,27 @@ class Looking:
         cameras = [self._camera(name, runs[topic], self.opened) for name, topic in self.topics.items()]
         if all(isinstance(camera.outcome, InputError) for camera in cameras):
             self.collector.forget()  # the images themselves are at fault: to look at more of them is no help
-        return cameras
+        return [self._with_what_else(camera, runs[self.topics[camera.name]]) for camera in cameras]
+
+    def _with_what_else(self, camera: CameraSource, run: DetectionRun) -> CameraSource:
+        """The same; where no image shows the target, with the board of another kind that some images show."""
+        error = camera.outcome
+        if not isinstance(error, CalibrationError) or isinstance(error, InputError) or " seen" in str(error):
+            return camera
+        from fisheye_ep_calib.target.what_else import what_else  # loads every detector
+
+        read = [frame.index for frame in run.frames if not frame.error]
+        seen: Counter[str] = Counter()
+        for index in read[:: max(1, len(read) // _EXAMPLES)][:_EXAMPLES]:
+            with suppress(InputError):
+                seen[what_else(self.recording.frame(run.topic, index).image(), self.target)] += 1
+        del seen[""]
+        if not seen:
+            return camera
+        instead = seen.most_common(1)[0][0]
+        told = CalibrationError(f"{error}: {instead} is seen instead")
+        told.exit_code = error.exit_code
+        return replace(camera, outcome=told)
 
     def look_again(self, guides: Sequence[Guide]) -> dict[str, CameraSource]:
         """What the guides' cameras saw, by name, where first calibrations say that the target is."""
@@ -95,6 +116,8 @@ class Looking:
     def _camera(self, name: str, run: DetectionRun, opened: float = 0.0) -> CameraSource:
         return source_of_run(name, run, self.target, self.recording, self.source, self.target_name, opened)
 
+
+_EXAMPLES = 3  # images in which another board is looked for
 
 LookAgain = Callable[[Sequence[Guide]], dict[str, CameraSource]]
 

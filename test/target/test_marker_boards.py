@@ -154,3 +154,11 @@ def test_a_board_of_one_tag_needs_no_neighbour():
     image, truth = seen(target)
     found = target.detector().detect(image)
     assert len(found) == 4 and right(found, truth)
+
+
+def test_a_mirrored_board_of_a_small_dictionary() -> None:
+    """Three of its markers are others in a mirror, and lie as these should."""
+    board = Charuco.create("board", 7, 5, 0.024, 0.018, "DICT_4X4_50")
+    image, _ = seen(board, distance=0.3, roll=2.0)
+    found = board.detector().detect(np.ascontiguousarray(image[:, ::-1]))
+    assert len(found) == 0 and "mirrored" in found.reason

@@ -194,6 +194,15 @@ class ChessboardDetector:
         return (self.lattice, corners.reshape(-1, 2).astype(float)) if whole else NOTHING
 
 
+def any_chessboard(image: np.ndarray) -> np.ndarray:
+    """Lattice coordinates (k, 2) int of the corners of any chessboard in an image (h, w), from a brief look."""
+    factor = max(1, max(image.shape) // SECOND_SIDE)
+    small = cv2.resize(image, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
+    library = _calib_targets()
+    cells, pixels = NOTHING if library is None else _find_part(library, small)
+    return cells if len(cells) and is_regular(cells, pixels) else NOTHING[0]
+
+
 def _without_board(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """The image with a plain grey over what is within pixels (k, 2)."""
     rest: np.ndarray = image.copy()

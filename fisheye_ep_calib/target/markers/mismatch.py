@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fisheye_ep_calib.target.markers.aruco import MARKERS, marker_side
@@ -44,15 +46,21 @@ def _unknown_markers(image: np.ndarray, quads: np.ndarray, book: Codebook, touch
 def _other_markers(image: np.ndarray, quads: np.ndarray, book: Codebook) -> str:
     if read_in_a_mirror(image, quads, book) >= FEWEST:
         return MIRRORED
+    description = known_markers(image, quads, (book.border, 3 - book.border))
+    return f"markers of {description} are seen, not of {_described(book.name, book.border)}" if description else ""
+
+
+def known_markers(image: np.ndarray, quads: np.ndarray, borders: Sequence[int]) -> str:
+    """Of which dictionary most quadrilaterals (q, 4, 2) are markers, some of them at least; else empty."""
     most, description = FEWEST - 1, ""
-    for border in (book.border, 3 - book.border):
+    for border in borders:
         for inner, names in _by_side().items():
             cells, framed = read_cells(image, quads, inner, border)
             for name in names if framed.sum() >= FEWEST else ():
                 exact = _exactly_known(codebook(name, border, "a marker"), cells[framed])
                 if len(exact) > most:
                     most, description = len(exact), _described(_smallest(name, int(exact.max())), border)
-    return f"markers of {description} are seen, not of {_described(book.name, book.border)}" if description else ""
+    return description
 
 
 def read_in_a_mirror(image: np.ndarray, quads: np.ndarray, book: Codebook) -> int:
