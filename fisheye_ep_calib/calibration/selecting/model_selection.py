@@ -100,7 +100,7 @@ def choose(start: Fit, first: Fit, search: Search) -> Choice:
         return Choice(fitted, fitted[CENTRAL_MODEL], tuple(reasons), verdict, fit)
     others = supported_pupils(judged) if verdict.supported else []
     pupils = sorted({*others, verdict.model}, key=list(fitted).index)
-    further, plain = {}, fitted[MODEL].fit
+    further = {}
     if base.terms is None:
         further = {name: _with_further_terms(fitted[name]) for name in pupils}
         fitted |= {name: each for name, (each, _) in further.items()}
@@ -108,7 +108,7 @@ def choose(start: Fit, first: Fit, search: Search) -> Choice:
     if chosen.structure.model in further:
         reasons += further[chosen.structure.model][1]
     if base.terms is None and is_even(chosen.structure.model):
-        series = with_open_terms(chosen.fit, plain, search.lens)
+        series = with_open_terms(chosen.fit, search.lens)
         if series is not chosen.fit:
             chosen = fitted[MODEL] = Candidate(series)
             reasons.append(

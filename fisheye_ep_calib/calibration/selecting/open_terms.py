@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from fisheye_ep_calib.calibration.estimating.fit import Fit, independent_covariance, refine
+from fisheye_ep_calib.calibration.estimating.fit import Fit, refine
 from fisheye_ep_calib.calibration.pupil_prior import MODEL, ROOM, TERMS, PupilPrior
 from fisheye_ep_calib.calibration.selecting.candidates import FREER, log_likelihood_gain, with_addition
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS
@@ -20,17 +18,16 @@ from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS
 _WORTH = 4.6  # of log-likelihood: what two needless parameters gain once in a hundred, ½ χ²
 
 
-def with_open_terms(fit: Fit, plain: Fit, lens_open: bool) -> Fit:
+def with_open_terms(fit: Fit, lens_open: bool) -> Fit:
     """A fit with an even pupil as series of four terms, the ones that it has free, the further ones under their prior.
 
-    plain: the series with its usual terms, fitted to the same. lens_open: whether r(θ) may have six terms. Six are
-    taken where they gain what chance does not give, for what four leave of a lens, the further terms of E would take
-    up. The fit is returned as it is where its family explains that much more than the series, and where E > 0: no lens
-    has that sign, and of what else it may be nothing is known beforehand.
+    lens_open: whether r(θ) may have six terms. Six are taken where they gain what chance does not give, for what four
+    leave of a lens, the further terms of E would take up. The fit is returned as it is where its family explains that
+    much more than the series, and where E > 0: no lens has that sign, and of what else it may be nothing is known.
     """
     if fit.state.camera.entrance_pupil(fit.largest_angle) >= 0:
         return fit
-    prior = PupilPrior(_scale(plain), fit.largest_angle, min(fit.structure.pupil_terms, TERMS))
+    prior = PupilPrior.like(fit.state.camera, fit.largest_angle, min(fit.structure.pupil_terms, TERMS))
     with_room = replace(prior, room=ROOM)
     own = with_room if fit.structure.lens == FREER_LENS else prior
     series = refine(fit, replace(fit.structure, model=MODEL, terms=TERMS, pupil_prior=own))
@@ -39,14 +36,3 @@ def with_open_terms(fit: Fit, plain: Fit, lens_open: bool) -> Fit:
         if log_likelihood_gain(freer, series) > _WORTH:
             series = freer
     return fit if log_likelihood_gain(fit, series) > _WORTH else series
-
-
-def _scale(plain: Fit) -> float:
-    """√(e1² + σ²), metres, of a series and its standard deviation."""
-    names, values = plain.shared_parameters
-    first = names.index("e1")
-    try:
-        _, covariance = independent_covariance(plain)
-    except np.linalg.LinAlgError:
-        return abs(float(values[first]))
-    return float(np.sqrt(values[first] ** 2 + plain.clustering * max(covariance[first, first], 0.0)))
