@@ -67,10 +67,11 @@ class JointVariances:
     def _search(self, wanted: Sequence[str]) -> tuple[Variances, JointPosterior]:
         """From the best of a few τ of each group of the views, and of the lens field, on top of the rest without them.
 
-        Started all at once, what one group explains may be taken by another, and left there.
+        Started all at once, what one group explains may be taken by another, and left there; the lens field, which is
+        the same in all views, comes before what may differ in each.
         """
-        own = [[index] for index in map(JOINT_GROUPS.index, wanted) if FIRST_VIEW <= index < FIRST_LENS]
-        own += [[index for index in map(JOINT_GROUPS.index, wanted) if index >= FIRST_LENS]]
+        own = [[index for index in map(JOINT_GROUPS.index, wanted) if index >= FIRST_LENS]]
+        own += [[index] for index in map(JOINT_GROUPS.index, wanted) if FIRST_VIEW <= index < FIRST_LENS]
         own = [groups for groups in own if groups]
         if not own:
             return self._settled(*self._start(wanted))
@@ -79,7 +80,11 @@ class JointVariances:
         best, likelihood = min(self._starts(*without, own), key=_deviance)
         if best is without[0]:
             return without
-        settled = self._settled(replace(best, noise=likelihood.noise), from_nothing=False)
+        deviation, shape = best.deviation.copy(), [GROUPS.index(name) for name in wanted if name in GROUPS]
+        deviation[shape] = np.maximum(
+            deviation[shape], REVIVED_DEVIATION
+        )  # some may have vanished in what was noise then
+        settled = self._settled(Variances(deviation, likelihood.noise), from_nothing=False)
         return settled if _deviance(settled) <= likelihood.deviance(best) else (best, self.linearisation(best))
 
     def _starts(

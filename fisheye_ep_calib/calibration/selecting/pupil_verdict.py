@@ -29,7 +29,7 @@ SUPPORTED, DOUBTFUL, NOT_DISTINGUISHABLE = "supported", "doubtful", "not disting
 _ANGLES = np.linspace(0.2, 1.0, 33)  # of the largest angle seen: where a pupil may be judged
 _CLAIM, _DOUBT = 3.0, 2.0  # σ_tot
 _WRONG_SIGN = 10.0  # σ_tot for E > 0
-_SIGNIFICANCE = 0.01  # of the clustered test
+_SIGNIFICANCE, _HINT = 0.0027, 0.01  # of the clustered test: what 3 σ are, and what raises a doubt
 FEWEST_VIEWS = 4  # that claim a pupil
 _FEWEST_FOR_MODELS = 6  # views; fewer do not tell one model from another
 
@@ -139,7 +139,7 @@ def _answered(verdict: PupilVerdict) -> PupilVerdict:
         wrong_sign = verdict.pupil > 0 and verdict.ratio < _WRONG_SIGN
         answer = DOUBTFUL if wrong_sign or verdict.views < FEWEST_VIEWS else SUPPORTED
     else:
-        hinted = verdict.ratio > _DOUBT or verdict.p_value < _SIGNIFICANCE
+        hinted = verdict.ratio > _DOUBT or verdict.p_value < _HINT
         answer = DOUBTFUL if hinted else NOT_DISTINGUISHABLE
     return replace(verdict, answer=answer, kept=answer == SUPPORTED)
 

@@ -14,6 +14,7 @@ from fisheye_ep_calib.calibration.assessing.error_budget import ErrorBudget, err
 from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
 from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 from fisheye_ep_calib.report.figures.budget import budget_figure
 
 NOTHING = {"wave": 0.0, "rough": 0.0, "flex": 0.0, "in_plane": 0.0, "turn": 0.0, "shift": 0.0, "noise": 0.0}
@@ -58,7 +59,7 @@ def test_points_that_are_off_beside_a_board_that_bends_have_their_share(seed) ->
 
 def test_the_lens_has_its_share(monkeypatch) -> None:
     """Of a camera with a field of its own that no lens model of the fit holds."""
-    field = tuple(np.random.default_rng(5).normal(0, 1.0, 28))
+    field = tuple(np.random.default_rng(5).normal(0, 1.0, len(LENS_FIELD.coefficient_names)))
     monkeypatch.setattr(changing_boards, "CAMERA", replace(CAMERA, extras={"lens_field": field}))
     budget = error_budget(fitted(noise=0.1, wave=1e-4))
     alone = fitted().rms_px
