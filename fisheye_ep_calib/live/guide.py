@@ -50,7 +50,7 @@ class Guide:
     def follow(self, plan: Sequence[Wanted], kept: Sequence[ViewSignature] = ()) -> None:
         """A new plan, without what a kept view shows already and, while more is left, what was tried in vain."""
         with self._lock:
-            new = [wanted for wanted in plan if not any(_reached(wanted, view) for view in kept)]
+            new = [wanted for wanted in plan if not any(wanted.shown_by(view) for view in kept)]
             left = [wanted for wanted in new if not any(wanted.suggestion.like(tried) for tried in self._tried)]
             if new and not left:
                 left, self._tried = new, []
@@ -68,7 +68,7 @@ class Guide:
             if self._since is None:
                 self._since = self._clock()
             self._frames += 1
-            if signature is not None and _reached(self._plan[0], signature):
+            if signature is not None and self._plan[0].shown_by(signature):
                 self._next()
             elif self._frames >= FRAMES and self._clock() - self._since > PATIENCE:
                 self._tried = [*self._tried, self._plan[0].suggestion][-_MOST_TRIED:]
@@ -85,7 +85,3 @@ class Guide:
 
     def _begin(self) -> None:
         self._since, self._frames = None, 0
-
-
-def _reached(wanted: Wanted, view: ViewSignature) -> bool:
-    return wanted.signature is None or steer(view, wanted.signature).reached
