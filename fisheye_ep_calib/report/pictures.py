@@ -10,7 +10,7 @@ import numpy as np
 
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.report.data import CameraReport, Picture, View
-from fisheye_ep_calib.report.figures.residuals import magnification
+from fisheye_ep_calib.report.magnification import magnification
 
 BUDGET = 12_000_000  # bytes of JPEG in one report
 _FULL, _SMALL = 2048, 1024  # longest side, px, while half of the budget lasts and after that

@@ -12,6 +12,7 @@ import pytest
 from matplotlib import pyplot
 
 from fisheye_ep_calib import calibrate
+from fisheye_ep_calib.report.figures import style
 from fisheye_ep_calib.report.figures.board import draw_board
 from fisheye_ep_calib.report.from_calibration import calibration_report
 from fisheye_ep_calib.report.html import report_html, write_report
@@ -88,6 +89,22 @@ def test_every_figure_is_there(page):
         "Near against far",
     ):
         assert wanted in said
+
+
+def test_nothing_of_a_figure_is_cut_off(report, monkeypatch):
+    cut: dict[str, list[float]] = {}
+    drawn = style.Figure.savefig
+
+    def looked_at(figure, *arguments, **named) -> None:
+        drawn(figure, *arguments, **named)
+        box, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+        cut[figure.axes[0].get_ylabel() or str(len(cut))] = [box.x0, box.y0, width - box.x1, height - box.y1]
+
+    monkeypatch.setattr(style.Figure, "savefig", looked_at)
+    points = report.board.object_points
+    deviation = np.random.default_rng(1).normal(scale=1e-3, size=points.shape)
+    report_html([replace(report, board=BoardShape("free", points, deviation, bent=True))])
+    assert len(cut) >= 8 and {name: room for name, room in cut.items() if min(room) < -0.12} == {}
 
 
 def test_figure_and_finding_say_the_same_of_the_coverage(report, result):

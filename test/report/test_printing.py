@@ -106,8 +106,10 @@ def test_a_users_settings_do_not_move_the_print(tmp_path):
     check_scale(target, image)
 
 
-def test_printing_alone_needs_matplotlib():
-    modules = "fisheye_ep_calib.report.printing, fisheye_ep_calib.commands.target"
+def test_printing_and_figures_alone_need_matplotlib():
+    modules = (
+        "fisheye_ep_calib.report.printing, fisheye_ep_calib.commands.target, fisheye_ep_calib.report.from_calibration"
+    )
     code = f"import sys, {modules}; sys.exit('matplotlib' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 

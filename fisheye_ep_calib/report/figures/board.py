@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
-from fisheye_ep_calib.report.figures.residuals import magnification
-from fisheye_ep_calib.report.figures.style import INK, SERIES, svg
+from fisheye_ep_calib.report.figures.style import BAR, BESIDE_A_BAR, INK, SERIES, svg
+from fisheye_ep_calib.report.magnification import magnification
 from fisheye_ep_calib.target.shape.measured import BoardShape
 
 HEIGHT_MAP = "RdYlBu_r"
@@ -41,7 +41,7 @@ def draw_board(axes: Axes, board: BoardShape) -> float:
         color=SERIES[3],
         zorder=3,
     )
-    bar = axes.figure.colorbar(points, ax=axes, shrink=0.85)
+    bar = axes.figure.colorbar(points, ax=axes, **BAR)
     bar.set_label("height, mm")
     bar.outline.set_visible(False)
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2g}".replace("-", "−")))
@@ -61,5 +61,7 @@ def board_figure(board: BoardShape, identity: str) -> tuple[str, float]:
     factors: list[float] = []
     extent = np.ptp(board.frame.local(board.object_points)[:, :2], axis=0)
     height = 0.7 + 3.3 * float(np.clip(extent[1] / max(extent[0], 1e-12), 0.4, 1.3))
-    drawn = svg(lambda figure: factors.append(draw_board(figure.add_subplot(), board)), identity, (4.6, height))
+    drawn = svg(
+        lambda figure: factors.append(draw_board(figure.add_subplot(), board)), identity, (4.6, height), BESIDE_A_BAR
+    )
     return drawn, factors[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from fisheye_ep_calib.calibration.assessing.error_budget import ErrorBudget
-from fisheye_ep_calib.report.figures.style import ACCENT, svg
+from fisheye_ep_calib.report.figures.style import ACCENT, Margins, svg
 
 _SOURCES = {
     "corner_noise_px": "corner noise",
@@ -28,4 +28,4 @@ def budget_figure(budget: ErrorBudget, identity: str) -> str:
         axes.margins(x=0.12)
         axes.set(xlabel="RMS, px", xlim=(0, None))
 
-    return svg(draw, identity)
+    return svg(draw, identity, margins=Margins(left=1.55))

@@ -15,7 +15,18 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from fisheye_ep_calib.report.data import Coverage, Residuals, UncertaintyMap
-from fisheye_ep_calib.report.figures.style import FAINT, MAP, PAPER, SERIES, image_axes, plain_log_ticks, svg
+from fisheye_ep_calib.report.figures.style import (
+    BAR,
+    BESIDE_A_BAR,
+    FAINT,
+    MAP,
+    PAPER,
+    SERIES,
+    Margins,
+    image_axes,
+    plain_log_ticks,
+    svg,
+)
 
 _BINS = (24, 20)
 _LEVELS = 8
@@ -44,7 +55,7 @@ def draw_coverage(axes: PolarAxes, coverage: Coverage) -> None:
         box = {"boxstyle": "round,pad=0.15", "facecolor": PAPER, "alpha": 0.75, "edgecolor": "none"}
         axes.text(np.radians(30), tick, f"{tick:.0f}°", ha="center", va="center", fontsize=8.5, bbox=box)
     axes.set_xticks(np.radians([0, 90, 180, 270]), ["right", "below", "left", "above"])
-    _count_bar(mesh, axes)
+    _count_bar(mesh, axes, pad=0.14)
 
 
 def coverage_figure(coverage: Coverage, identity: str) -> str:
@@ -52,6 +63,7 @@ def coverage_figure(coverage: Coverage, identity: str) -> str:
         lambda figure: draw_coverage(cast(PolarAxes, figure.add_subplot(projection="polar")), coverage),
         identity,
         (4.6, 3.6),
+        Margins(0.5, 0.62, 0.3, 0.3),
     )
 
 
@@ -73,7 +85,7 @@ def draw_distances(axes: Axes, residuals: Residuals) -> None:
 
 
 def distance_figure(residuals: Residuals, identity: str) -> str:
-    return svg(lambda figure: draw_distances(figure.add_subplot(), residuals), identity)
+    return svg(lambda figure: draw_distances(figure.add_subplot(), residuals), identity, margins=BESIDE_A_BAR)
 
 
 def draw_uncertainty(axes: Axes, uncertainty: UncertaintyMap, size: tuple[int, int]) -> None:
@@ -85,7 +97,7 @@ def draw_uncertainty(axes: Axes, uncertainty: UncertaintyMap, size: tuple[int, i
     drawn = axes.contourf(
         uncertainty.pixels[..., 0], uncertainty.pixels[..., 1], sigma, levels=levels, cmap=MAP, extend="max"
     )
-    bar = axes.figure.colorbar(drawn, ax=axes, shrink=0.85)
+    bar = axes.figure.colorbar(drawn, ax=axes, **BAR)
     bar.set_label("1σ, px per axis")
     bar.outline.set_visible(False)
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2g}"))
@@ -97,6 +109,7 @@ def uncertainty_figure(uncertainty: UncertaintyMap, size: tuple[int, int], ident
         lambda figure: draw_uncertainty(figure.add_subplot(), uncertainty, size),
         identity,
         (4.6, 0.6 + 3.4 * size[1] / size[0]),
+        BESIDE_A_BAR,
     )
 
 
@@ -111,8 +124,8 @@ def _count_norm(counts: np.ma.MaskedArray) -> LogNorm:
     return LogNorm(1, max(float(counts.max()), 2.0))
 
 
-def _count_bar(mesh: ScalarMappable, axes: Axes) -> None:
-    bar = axes.figure.colorbar(mesh, ax=axes, shrink=0.85)
+def _count_bar(mesh: ScalarMappable, axes: Axes, pad: float = BAR["pad"]) -> None:
+    bar = axes.figure.colorbar(mesh, ax=axes, **(BAR | {"pad": pad}))
     bar.set_label("points")
     bar.outline.set_visible(False)
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from fisheye_ep_calib.report.figures.residuals import magnification
 from fisheye_ep_calib.report.figures.style import ACCENT, SERIES, image_axes, svg
+from fisheye_ep_calib.report.magnification import magnification
 
 
 def difference_by_angle_figure(

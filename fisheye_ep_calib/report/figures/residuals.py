@@ -10,21 +10,11 @@ from matplotlib.axes import Axes
 
 from fisheye_ep_calib.report.data import Rejected, Residuals
 from fisheye_ep_calib.report.figures.style import ACCENT, INK, SECOND, SERIES, image_axes, plain_log_ticks, svg
+from fisheye_ep_calib.report.magnification import magnification
 
 _CELLS = 16  # along the longer side of the image
 _LEAST_POINTS = 4  # in a cell or a bin whose mean is shown
 _BINS = 14
-_NICE = (1, 2, 5)
-
-
-def magnification(lengths_px: np.ndarray, target_px: float) -> float:
-    """A round factor by which the 95th percentile of lengths becomes about ``target_px`` long."""
-    typical = float(np.quantile(lengths_px, 0.95)) if len(lengths_px) else 0.0
-    if typical <= 0:
-        return 1.0
-    wanted = target_px / typical
-    decade = 10.0 ** np.floor(np.log10(wanted))
-    return float(decade * max(step for step in _NICE if step <= wanted / decade + 1e-9))
 
 
 def draw_residual_vectors(

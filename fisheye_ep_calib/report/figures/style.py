@@ -6,9 +6,12 @@ page; data use colours that are seen on both.
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -59,15 +62,59 @@ _DPI = 200  # of what is drawn as pixels within the SVG
 INK, FAINT, PAPER = _INK, _FAINT, _PAPER
 
 
-def svg(draw: Callable[[Figure], None], identity: str, size: tuple[float, float] = (4.6, 3.1)) -> str:
-    """Draw a figure of ``size`` inches. identity: unique in the page; prefixes every id within the SVG."""
-    with matplotlib.rc_context({**_SETTINGS, "svg.hashsalt": identity}):
-        figure = Figure(figsize=size, layout="constrained")
+@dataclass(frozen=True)
+class Margins:
+    """Inches around the axes, for numbers and labels."""
+
+    left: float = 0.68
+    right: float = 0.14
+    bottom: float = 0.48
+    top: float = 0.1
+
+
+PLAIN, BESIDE_A_BAR = Margins(), Margins(right=0.66)
+BAR: dict[str, Any] = {
+    "shrink": 0.85,
+    "fraction": 0.055,
+    "pad": 0.035,
+}  # of a colour bar: shares of the axes that it is taken from
+
+
+def svg(
+    draw: Callable[[Figure], object],
+    identity: str,
+    size: tuple[float, float] = (4.6, 3.1),
+    margins: Margins = PLAIN,
+) -> str:
+    """Draw a figure of ``size`` inches. identity: unique in the page; prefixes every id within the SVG.
+
+    Margins are fixed: a layout that fits itself draws everything twice.
+    """
+    with matplotlib.rc_context({**_SETTINGS, "svg.hashsalt": identity}), _without_collection():
+        figure = Figure(figsize=size)
         FigureCanvasSVG(figure)
+        figure.subplots_adjust(
+            left=margins.left / size[0],
+            right=1 - margins.right / size[0],
+            bottom=margins.bottom / size[1],
+            top=1 - margins.top / size[1],
+        )
         draw(figure)
         stream = io.StringIO()
         figure.savefig(stream, format="svg", dpi=_DPI, metadata={"Date": None})
     return _for_page(stream.getvalue(), identity)
+
+
+@contextlib.contextmanager
+def _without_collection() -> Iterator[None]:
+    """A figure's thousands of artists refer to each other, and all of them live until it is drawn."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def _for_page(text: str, identity: str) -> str:
