@@ -65,7 +65,7 @@ class BagFile(BagSource):
         self._connections: dict[int, str] = {}
         self._known_connections: set[int] = set()
         self._cached_chunk: tuple[int, bytes] = (0, b"")
-        self._plain_chunk = (0, 0)  # the position of the last one that is not packed, and of its data
+        self._plain_chunks: dict[int, int] = {}  # the positions of those that are not packed, and of their data
         self._size = path.stat().st_size
 
     def list_images(self) -> None:
@@ -150,6 +150,8 @@ class BagFile(BagSource):
         chunk = _record_at(stream, position)
         if chunk.kind != CHUNK or chunk.end > self._size:
             raise Damaged
+        if chunk.fields.get(b"compression") == b"none":
+            self._plain_chunks[position] = chunk.data
         entries: list[tuple[int, Entry]] = []
         try:
             after = chunk.end
@@ -220,12 +222,9 @@ class BagFile(BagSource):
         try:
             if self._cached_chunk[0] == position:
                 return self._message(BytesIO(self._cached_chunk[1]), offset, topic, entry)
-            if self._plain_chunk[0] == position:
-                return self._message(stream, self._plain_chunk[1] + offset, topic, entry)
+            if position in self._plain_chunks:
+                return self._message(stream, self._plain_chunks[position] + offset, topic, entry)
             chunk = _record_at(stream, position)
-            if chunk.text("compression") == "none":
-                self._plain_chunk = (position, chunk.data)
-                return self._message(stream, chunk.data + offset, topic, entry)
             self._cached_chunk = (position, self._chunk_content(stream, chunk))
             return self._message(BytesIO(self._cached_chunk[1]), offset, topic, entry)
         except Damaged:
