@@ -12,7 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from live_processes import Program, wait_for
+from live_processes import LATCHED, Program, wait_for
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from fisheye_ep_calib.calibration import Observations, calibrate
@@ -61,12 +62,16 @@ def kill_and_resume(times: int, start_calibrator, start_publisher, probe, render
         **EVERY_VIEW,
     }
     publisher = start_publisher(rendered, 10, "--compressed", "/front/image_raw/compressed")
+    statuses = probe.collect(String, "/calibrator/status", LATCHED, limit=1)
     reported = 0
     for turn in range(times):
         calibrator = start_calibrator(**parameters)
         calibrator.wait_to_say("receiving")
         if turn % 2 == 0:  # every other one after it has reported something
-            calibrator.wait_to_say("kept")
+            try:
+                calibrator.wait_to_say("kept")
+            finally:
+                print(f"start {turn}: {[status.data for status in statuses]}")  # shown where the test fails
         time.sleep(rng.uniform(0.0, 1.0))
         calibrator.interrupt(signal.SIGKILL)
         assert kept(calibrator.output) >= reported, calibrator.output

@@ -47,7 +47,7 @@ class Program:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, **environment},
+            env={**os.environ, "PYTHONFAULTHANDLER": "1", **environment},
             start_new_session=True,
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -64,7 +64,8 @@ class Program:
         try:
             wait_for(lambda: self.said(text) or self.process.poll() is not None, repr(text))
         except AssertionError as error:
-            raise AssertionError(f"{error}\n{self.output}") from None
+            self.process.send_signal(signal.SIGABRT)  # it says what each of its threads is doing
+            raise AssertionError(f"{error}\n{self.wait()}") from None
         if self.process.poll() is not None:
             self._reader.join(5)  # what it said last may still be on its way here
         assert self.said(text), f"ended without saying {text!r}:\n{self.output}"
