@@ -38,24 +38,23 @@ class DiscsOfRadius(Protocol):
 def other_radius(image: np.ndarray, target: DiscsOfRadius) -> str:
     """What to say of a grid in an image (h, w) that is the target's but for its discs' radius; empty where none is.
 
-    Dark discs, then light ones; as small as the usual search sees them, then half as large.
+    Dark discs, then light ones, as small as the usual search sees them.
     """
     if target.disc_radius is None:
         return ""
-    usual = usual_factor(image.shape)
+    factor = usual_factor(image.shape)
     for picture in (image, cv2.bitwise_not(image)):
-        for factor in dict.fromkeys((usual, max(1, usual // 2))):
-            blobs = find_blobs(reduced(picture, factor), WINDOWS, holes=bool(target.holed)).scaled(factor)
-            for lattice in grow_lattices(blobs.center, blobs.shape, None)[:2]:
-                share = len(lattice) / len(target.object_points)
-                count, ratio = _grid(picture, blobs, lattice) if MOSTLY_SEEN <= share <= MOST else (0, 0.0)
-                radius = target.pitch / ratio if count else target.disc_radius
-                times = radius / target.disc_radius
-                if max(times, 1 / times) > UNUSUAL:
-                    return (
-                        f"{count} discs are seen whose radius is {times:.2f} times what the target file has for this "
-                        f"spacing: check radius ({radius:.3g} m would fit)"
-                    )
+        blobs = find_blobs(reduced(picture, factor), WINDOWS, holes=bool(target.holed)).scaled(factor)
+        for lattice in grow_lattices(blobs.center, blobs.shape, None)[:2]:
+            share = len(lattice) / len(target.object_points)
+            count, ratio = _grid(picture, blobs, lattice) if MOSTLY_SEEN <= share <= MOST else (0, 0.0)
+            radius = target.pitch / ratio if count else target.disc_radius
+            times = radius / target.disc_radius
+            if max(times, 1 / times) > UNUSUAL:
+                return (
+                    f"{count} discs are seen whose radius is {times:.2f} times what the target file has for this "
+                    f"spacing: check radius ({radius:.3g} m would fit)"
+                )
     return ""
 
 
