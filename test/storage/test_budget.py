@@ -12,6 +12,7 @@ import tarfile
 import time
 
 import cv2
+import numpy as np
 import pytest
 import zstandard
 from bag_writers import IMAGE, images, mcap_bytes, messages, write_db3, write_ros1
@@ -208,3 +209,12 @@ def test_seconds_without_an_image_are_counted(monkeypatch) -> None:
     now[0] += 10
     with pytest.raises(Spent, match="no further image"):
         budget.take(10)
+
+
+def test_a_packed_bag_of_a_few_bytes_holds_no_image_of_forty_megapixels(tmp_path):
+    picture = np.zeros((5000, 8000), np.uint8)
+    (tmp_path / "a.mcap.zstd").write_bytes(zstandard.compress(mcap_bytes(messages([picture]))))
+    with open_recording(tmp_path / "a.mcap.zstd") as recording:
+        (topic,) = recording.image_topics()
+        with pytest.raises(InputError, match="declares 8000×5000 pixels, but holds [0-9]+ bytes only"):
+            recording.frame(topic.name, 0).image()

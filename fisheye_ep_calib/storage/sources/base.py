@@ -145,7 +145,8 @@ class BagSource(Source):
         self._videos: dict[str, VideoDecoder] = {}
 
     @cached_property
-    def _bytes_on_disk(self) -> int:
+    def bytes_on_disk(self) -> int:
+        """Of the file as the user has it, packed or not: so few bytes cannot hold an image of any size."""
         return self.path.stat().st_size
 
     def read(self, topic: str, entry: Entry) -> bytes:
@@ -164,7 +165,7 @@ class BagSource(Source):
         if self.topics[topic] == IMAGE:
             width, height = int(message.width), int(message.height)
             if width * height > MAX_PIXELS_OF_FEW_BYTES:
-                check_size(width, height, self._bytes_on_disk)
+                check_size(width, height, self.bytes_on_disk)
         return message
 
     def grey(self, topic: str, entry: Entry) -> np.ndarray:

@@ -222,7 +222,7 @@ def bag_suffix(path: Path) -> str:
 
 def _open_bag(path: Path, scratch: Scratch, problems: list[str], budget: Budget) -> Source:
     """A bag by what its first bytes say it is, or else by its name."""
-    start = _first_bytes(path)
+    start, size = _first_bytes(path), path.stat().st_size
     if not start:
         raise InputError(f"{path} is empty")
     if start.startswith(ZSTD_MAGIC):
@@ -233,7 +233,10 @@ def _open_bag(path: Path, scratch: Scratch, problems: list[str], budget: Budget)
     by_magic = [bag_format for bag_format in BAG_FORMATS.values() if start.startswith(bag_format.magic)]
     by_name = [BAG_FORMATS[suffix] for suffix in [bag_suffix(path)] if suffix]
     for bag_format in by_magic + by_name:
-        return bag_format.open(path, budget)
+        source = bag_format.open(path, budget)
+        if isinstance(source, BagSource):
+            source.bytes_on_disk = size
+        return source
     raise InputError(f"{path} is neither a bag ({', '.join(BAG_FORMATS)}) nor an image nor a folder of either")
 
 
