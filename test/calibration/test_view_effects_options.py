@@ -60,3 +60,9 @@ def test_a_lens_field_does_not_turn_the_axis(seed) -> None:
     assert sigma.max() < 1.0 and result.iterations < 20
     assert (np.abs([result.camera.cx - CAMERA.cx, result.camera.cy - CAMERA.cy]) < 4 * sigma).all()
     assert result.stand_in.loss_px[10.0] < 1.0
+
+
+def test_a_shape_that_vanishes_beside_what_changes_is_that_of_the_file() -> None:
+    options = {"flex": True, "rolling_shutter": True, "lens_field": True, "board_shape": "free"}
+    board = calibrate(seen_changing(views=10, noise=0.2), "ep_even", **options).board
+    assert board.kind == "flat" and not board.bends

@@ -16,7 +16,7 @@ def board_shape(fit: Fit) -> BoardShape:
     """By how much the target departs from its file, with standard deviations and the verdict on its bend."""
     model, state = fit.problem.shape, fit.state.shape
     local, given = model.local(state), fit.sightings.observations.board
-    if model.kind == FLAT:
+    if model.kind == FLAT or not model.size:  # what was free may have vanished
         return given or BoardShape.flat(model.nominal)
     if model.kind != FREE:
         return BoardShape(model.kind, model.nominal, local[:, :3], bent=bool(np.any(local)), slopes=local[:, 3:])
