@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.base import Target
-from fisheye_ep_calib.target.expected_features import beyond_evidence
+from fisheye_ep_calib.target.expected_features import FARTHER, beyond_evidence
 
 LEAST_FEATURE = 5.5  # pixels across: with less, detectors lose points of a sharp image (benchmarks/detectability.py)
 FEATURE_OVER_BLUR = 4.0  # and with less than so many σ of the blur, points of a blurred one
@@ -64,6 +64,13 @@ class Board:
         return Board(target.object_points, np.hstack([edge, depth]), target.smallest_feature)
 
     @property
+    def ends(self) -> np.ndarray:
+        """Of the points those (8, 3) that lie farthest out in a plane board's eight directions."""
+        angles = np.arange(8) * np.pi / 4
+        towards = self.points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
+        return np.asarray(self.points[towards.argmax(axis=0)])
+
+    @property
     def radius(self) -> float:
         """Half of the outline's diagonal, metres."""
         return 0.5 * float(np.linalg.norm(np.ptp(self.outline, axis=0)))
@@ -74,15 +81,20 @@ def detectable(camera: FisheyeCamera, board: Board, poses: np.ndarray, sight: Si
 
     All of its outline must be seen, and its smallest feature be large enough wherever it lies on the board: its length
     times the smaller singular value of d pixel / d (x, y) on the board. Little beyond its evidence a camera is no
-    longer believed: what it says there of where a point appears may be anything.
+    longer believed: what it says there of where a point appears may be anything. Where all points lie nearly within the
+    evidence, the blank border may reach farther out: with a wide one the evidence would never grow else.
     """
-    camera = beyond_evidence(camera)
+    known = beyond_evidence(camera)
+    at_ends = board.ends @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
     in_camera = board.outline @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
+    nearly = replace(camera, theta_max=min(camera.theta_max + 0.5 * FARTHER, np.pi))
+    believed = nearly.project(at_ends)[1].all(axis=-1) | known.project(in_camera)[1].all(axis=-1)
+    camera = beyond_evidence(known)
     pixels, valid, d_point, _ = camera.project_with_jacobian(in_camera)
     visible = (valid & sight.shows(pixels, camera.image_size)).all(axis=-1)
     plane = np.nan_to_num(d_point @ poses[:, None, :3, :2])
     smallest = np.linalg.svd(plane, compute_uv=False)[..., 1].min(axis=-1)
-    result: np.ndarray = visible & (board.feature * smallest >= sight.least_feature)
+    result: np.ndarray = believed & visible & (board.feature * smallest >= sight.least_feature)
     return result
 
 
