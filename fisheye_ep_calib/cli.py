@@ -37,7 +37,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         words = sys.argv[1:] if arguments is None else list(arguments)
         if "_ARGCOMPLETE" in os.environ:  # a shell asks, by argcomplete, what may come next
             return _complete()
-        _calculate_in_one_thread()
+        if arguments is None:  # the process is this command's own
+            _calculate_in_one_thread()
         parser = _parser(words)
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):

@@ -52,7 +52,8 @@ def test_arguments_are_known_without_what_the_work_takes(command):
 @pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({"OMP_NUM_THREADS": "3"}, None)])
 def test_a_command_calculates_in_one_thread_unless_told_otherwise(given, expected):
     script = (
-        "import os, sys; from fisheye_ep_calib.cli import main; main(['show', '-']); print(os.environ.get(sys.argv[1]))"
+        "import os, sys; from fisheye_ep_calib.cli import main; name = sys.argv.pop();"
+        "sys.argv[1:] = ['show', '-']; main(); print(os.environ.get(name))"
     )
     clean = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     ended = subprocess.run(

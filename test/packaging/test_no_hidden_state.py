@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import fisheye_ep_calib
+from fisheye_ep_calib import cli
 
 PACKAGE = Path(fisheye_ep_calib.__file__).parent
 MODULES = sorted(
@@ -174,7 +176,18 @@ def test_a_module_that_allocates_is_noticed(tmp_path, monkeypatch):
 
 def test_the_environment_is_passed_to_processes_and_never_set() -> None:
     setting = {path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py") if sets_environment(path)}
-    assert setting == {"worker_processes.py"}  # multiprocessing passes none: set while workers start, and set back
+    # multiprocessing passes none: set while workers start, and set back.
+    # A command's own process: numpy's threads are counted when it is loaded.
+    assert setting == {"worker_processes.py", "cli.py"}
+
+
+def test_a_command_called_from_python_leaves_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in cli._THREADS:
+        monkeypatch.delenv(name, raising=False)
+    before = dict(os.environ)
+    with pytest.raises(SystemExit):
+        cli.main(["--help"])
+    assert dict(os.environ) == before
 
 
 def sets_environment(path: Path) -> bool:
