@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import re
 import signal
 import sys
 import time
@@ -19,16 +18,10 @@ from fisheye_ep_calib.simulation.rendering import render
 from fisheye_ep_calib.storage.camera_file import load_camera
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install '.[ros]'")
-from live_processes import Program, wait_for  # noqa: E402
+from live_processes import Program, kept, wait_for  # noqa: E402
 
 CAMERA = Path(__file__).with_name("endless_camera.py")
 TIMES = 8
-
-
-def kept(output: str) -> int:
-    """The number of the last view that was reported as kept, or taken up."""
-    numbers = re.findall(r"view (\d+) kept|going on with (\d+) views", output)
-    return max((int(one or other) for one, other in numbers), default=0)
 
 
 def test_killed_at_any_moment(tmp_path: Path) -> None:

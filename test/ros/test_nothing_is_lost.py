@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import random
-import re
 import shutil
 import signal
 import time
@@ -13,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from live_processes import Program, wait_for
+from live_processes import Program, kept, wait_for
 from std_srvs.srv import Trigger
 
 from fisheye_ep_calib.calibration import Observations, calibrate
@@ -25,12 +24,6 @@ pytestmark = pytest.mark.live
 REPOSITORY = Path(__file__).resolve().parents[2]
 TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
 EVERY_VIEW = {"novelty__position": 0.0, "novelty__size": 0.0, "novelty__tilt": 0.0}
-
-
-def kept(output: str) -> int:
-    """The number of the last view that was reported as kept, or taken up."""
-    numbers = re.findall(r"view (\d+) kept|going on with (\d+) views", output)
-    return max((int(one or other) for one, other in numbers), default=0)
 
 
 def wait_until_quiet(program: Program, seconds: float = 3.0) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import threading
@@ -35,6 +36,12 @@ def at_this_load(seconds: float) -> float:
     """So many seconds of a machine with a core to spare: as many times longer as programs now share a core."""
     wanting = float(Path("/proc/loadavg").read_text().split()[3].partition("/")[0])
     return seconds * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1), wanting / (os.cpu_count() or 1))
+
+
+def kept(output: str) -> int:
+    """The number of the last view that was reported as kept, or taken up."""
+    numbers = re.findall(r"view (\d+) kept|going on with (\d+) views", output)
+    return max((int(one or other) for one, other in numbers), default=0)
 
 
 class Program:
