@@ -84,7 +84,7 @@ test-all: lint
 
 # Changed inputs through every door, MINUTES=… of them; what fails is kept in .fuzz/.
 fuzz: $(READY)
-	nice $(BIN)/python test/fuzz/run.py $(or $(MINUTES),10)
+	$(BIN)/python test/fuzz/run.py $(or $(MINUTES),10)
 
 # Interpreters that are not here are left out with a line.
 floors:

@@ -9,12 +9,15 @@ import shutil
 import signal
 import sys
 import tempfile
+import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
 
 SECONDS, MEGABYTES = 20.0, 1500.0
 SEEDS = Path(__file__).resolve().parent / "seeds"
+SHEET = SEEDS / "beside" / "sheet.png"  # of the camera's size
 _BOARD = str(SEEDS / "board.yaml")
+_BESIDE = {"metadata.yaml": "raw.mcap", "rig.yaml": "camera.yaml", "devices.txt": "observations.npz"}  # what they name
 
 
 @dataclass(frozen=True)
@@ -31,24 +34,29 @@ class Verdict:
 def doors(name: str) -> list[list[str]]:
     """The commands that take a file of this name, which stands as INPUT."""
     suffix = Path(name).suffix
+    observations, camera, images = (str(SEEDS / file) for file in ("observations.npz", "camera.yaml", "images.tar.gz"))
+    reading = [["show", "INPUT", "--json"], ["evaluate", "INPUT", observations], ["compare", "INPUT", camera]]
+    kalibr = ["export", "INPUT", "--to", "kalibr", "--output", "out.yaml"]
     if name == "devices.txt":
         return [["calibrate-fleet", "INPUT", "--output", "out", "--no-report", "--model", "kannala", "--jobs", "1"]]
     if name == "camera.yaml":
-        observations = str(SEEDS / "observations.npz")
-        return [["show", "INPUT", "--json"], ["show", "INPUT"], ["evaluate", "INPUT", observations],
-                ["compare", "INPUT", str(SEEDS / "camera.yaml")],
-                ["export", "INPUT", "--to", "kalibr", "--output", "out.yaml"]]  # fmt: skip
+        rectified = ["rectify", "INPUT", str(SHEET), "--size", "64x48", "--output", "out"]
+        return [*reading, ["show", "INPUT"], kalibr, rectified]
+    if name.startswith("camera_in_"):
+        return reading
     if name == "rig.yaml":
-        return [["export", "INPUT", "--to", "kalibr", "--output", "out.yaml"]]
+        return [kalibr]
     if name == "metadata.yaml":
         return [["detect", "FOLDER", "--target", _BOARD, "--output", "out", "--workers", "1"]]
     if suffix == ".yaml":
-        seen = str(SEEDS / "images.tar.gz")
         return [["target", "INPUT"], ["target", "INPUT", "--output", "out.svg"],
-                ["detect", seen, "--target", "INPUT", "--output", "out", "--workers", "1"]]  # fmt: skip
+                ["detect", images, "--target", "INPUT", "--output", "out", "--workers", "1"]]  # fmt: skip
     if suffix == ".npz":
-        return [["calibrate", "INPUT", "--model", "kannala", "--no-report", "--json", "--output", "out"],
-                ["evaluate", str(SEEDS / "camera.yaml"), "INPUT"]]  # fmt: skip
+        calibrate = ["calibrate", "INPUT", "--no-report", "--json", "--output", "out"]
+        return [[*calibrate, "--model", "kannala"], [*calibrate, "--model", "ep_even"], ["evaluate", camera, "INPUT"]]
+    if name.startswith("board_of_"):
+        board = str(SEEDS / f"target_{Path(name).stem.removeprefix('board_of_')}.yaml")
+        return [["detect", "INPUT", "--target", board, "--output", "out", "--workers", "1"]]
     return [["detect", "INPUT", "--target", _BOARD, "--output", "out", "--workers", "1"]]
 
 
@@ -60,8 +68,8 @@ def judged(name: str, content: bytes, door: list[str]) -> Verdict:
         folder = place / "in"
         folder.mkdir()
         (folder / name).write_bytes(content)
-        if name == "metadata.yaml":
-            shutil.copy(SEEDS / "raw.mcap", folder)
+        if name in _BESIDE:
+            shutil.copy(SEEDS / _BESIDE[name], folder)
         words = [str(folder / name) if word == "INPUT" else str(folder) if word == "FOLDER" else word for word in door]
         return _run(place, words)
     finally:
@@ -86,7 +94,7 @@ def _run(place: Path, words: list[str]) -> Verdict:
             faults.append("a defect")
     elif code in (1, 2) and sum("error:" in line for line in said.splitlines()) != 1:
         faults.append("not one line of error")
-    if any(not (character.isprintable() or character in "\n\t\r") for character in said):
+    if any(unicodedata.category(character)[0] == "C" and character not in "\n\t\r" for character in said):
         faults.append("control characters are printed")
     if seconds > SECONDS:
         faults.append(f"{seconds:.0f} s")

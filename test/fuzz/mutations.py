@@ -6,6 +6,7 @@ import bz2
 import gzip
 import io
 import lzma
+import re
 import sqlite3
 import struct
 import zipfile
@@ -14,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import yaml
 from hypothesis import strategies as st
@@ -28,6 +30,8 @@ VALUES: list[Any] = [
     "\x1b[31m\n", "2024-13-45", [], {}, [[]], [1, 2, 3], ["a"] * 50, {"a": {"b": [1]}}, [1e200] * 4,
 ]  # fmt: skip
 SCALARS = ["!!int abc", "!!binary aaaa", "9" * 5000, "&a [*a]", "*nobody", "0x" + "f" * 300, "1e999", "- - -", "{", "%"]
+TOKENS = ["0", "-1", "1e308", "nan", "inf", "9" * 5000, "", "x", "\x1b[31m", "[1, 2]", "{}", "1e-308"]
+PICTURES = ["noise", "tiles", "stripes", "patches", "copies", "inverted", "flat", "deep", "large"]
 SQL = [
     "UPDATE messages SET data = zeroblob({n})",
     "UPDATE messages SET timestamp = {n} WHERE id = 1",
@@ -244,6 +248,51 @@ def jpeg_segments(content: bytes, draw: Draw) -> bytes:
     return bytes(data)
 
 
+def numbers_in_text(content: bytes, draw: Draw) -> bytes:
+    """One number or word of a text replaced: of formats that are no plain YAML."""
+    places = list(re.finditer(rb"[-+.\w]+", content))
+    place = draw(st.sampled_from(places))
+    new = draw(
+        st.sampled_from(["0", "-1", "1e308", "nan", "inf", "9" * 5000, "", "x", "\x1b[31m", "[1, 2]", "{}", "1e-308"])
+    )
+    return content[: place.start()] + new.encode() + content[place.end() :]
+
+
+def pixels(content: bytes, draw: Draw) -> bytes:
+    """Another picture in a file that is sound: what a detector may take for its board, or without end."""
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        return bytes_anywhere(content, draw)
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    kind = draw(
+        st.sampled_from(["noise", "tiles", "stripes", "patches", "copies", "inverted", "flat", "deep", "large"])
+    )
+    height, width = image.shape
+    if kind == "noise":
+        image = rng.integers(0, 256, (draw(st.sampled_from([1, 7, 240, 1000])), width)).astype(np.uint8)
+    elif kind == "tiles":
+        small = rng.choice([0, 255], (8, 8)).astype(np.uint8)
+        image = np.tile(np.kron(small, np.ones((draw(st.integers(1, 6)),) * 2, np.uint8)), (30, 30))
+    elif kind == "stripes":
+        image[:] = np.where(np.arange(width) % draw(st.integers(2, 30)) < 3, 0, 255)
+    elif kind == "patches":
+        for _ in range(draw(st.integers(1, 30))):
+            x, y = rng.integers(0, width), rng.integers(0, height)
+            image[y : y + 30, x : x + 30] = rng.integers(0, 256)
+    elif kind == "copies":
+        image = np.tile(image, draw(st.sampled_from([(1, 2), (2, 2), (4, 5)])))
+    elif kind == "inverted":
+        image = 255 - image
+    elif kind == "flat":
+        image = np.full_like(image, draw(st.sampled_from([0, 128, 255])))
+    elif kind == "deep":
+        image = image.astype(np.uint16) * draw(st.sampled_from([1, 3, 257]))
+    elif draw(st.integers(0, 4)) == 0:
+        image = cv2.resize(image, None, fx=16, fy=16, interpolation=cv2.INTER_NEAREST)
+    suffix = ".png" if image.dtype == np.uint16 or content[:4] == b"\x89PNG" else ".jpg"
+    return bytes(cv2.imencode(suffix, image)[1].tobytes()[:_MOST])
+
+
 def packed_tar(content: bytes, draw: Draw) -> bytes:
     """Headers changed, with sums that are right; packed otherwise; gigabytes of nothing behind."""
     data = bytearray(zlib.decompressobj(wbits=31).decompress(content, _MOST))  # it may be a bomb from an earlier change
@@ -263,13 +312,16 @@ def packed_tar(content: bytes, draw: Draw) -> bytes:
 
 
 MUTATIONS: dict[str, tuple[Mutation, ...]] = {
-    "yaml": (yaml_values, yaml_values, bytes_anywhere),
+    "yaml": (yaml_values, yaml_values, numbers_in_text, bytes_anywhere),
     "npz": (npz_arrays, npz_arrays, bytes_anywhere),
     "mcap": (mcap_records, bytes_anywhere),
     "db3": (database, bytes_anywhere),
     "bag": (bag_fields, bytes_anywhere),
-    "png": (png_chunks, bytes_anywhere),
-    "jpg": (jpeg_segments, bytes_anywhere),
+    "png": (png_chunks, pixels, bytes_anywhere),
+    "jpg": (jpeg_segments, pixels, bytes_anywhere),
+    "json": (numbers_in_text, yaml_values, bytes_anywhere),
+    "txt": (numbers_in_text, bytes_anywhere),
+    "cameramodel": (numbers_in_text, bytes_anywhere),
     "gz": (packed_tar, bytes_anywhere),
 }
 

@@ -6,6 +6,8 @@ Failing inputs are kept in .fuzz/, named by what does not hold. Exit code 1 wher
 from __future__ import annotations
 
 import hashlib
+import importlib
+import pkgutil
 import resource
 import sys
 import time
@@ -19,7 +21,7 @@ from judging import SEEDS, Verdict, doors, judged
 from mutations import mutated
 
 KEPT = Path(".fuzz")
-_ROUND = 25  # inputs between two looks at the clock
+_ROUND = 50  # inputs drawn from one seed
 
 
 class Record:
@@ -28,6 +30,14 @@ class Record:
         self.codes: Counter[int] = Counter()
         self.failed: list[str] = []
         self.seconds = self.megabytes = 0.0
+        self._seen: set[bytes] = set()
+
+    def is_new(self, content: bytes, door: list[str]) -> bool:
+        """Whether this content has not been at this door: hypothesis draws some again."""
+        digest = hashlib.sha256(repr(door).encode() + content).digest()
+        new = digest not in self._seen
+        self._seen.add(digest)
+        return new
 
     def note(self, name: str, content: bytes, door: list[str], verdict: Verdict) -> None:
         self.counts[name] += 1
@@ -44,8 +54,8 @@ class Record:
         print(line, flush=True)
 
 
-def search(record: Record, number: int) -> None:
-    """One round: inputs drawn by hypothesis from one seed."""
+def search(record: Record, number: int, until: float) -> None:
+    """One round: inputs drawn by hypothesis from one seed, no more after a time of the monotonic clock."""
 
     @with_seed(number)
     @settings(
@@ -60,22 +70,27 @@ def search(record: Record, number: int) -> None:
         path = data.draw(st.sampled_from(sorted(path for path in SEEDS.iterdir() if path.is_file())))
         door = data.draw(st.sampled_from(doors(path.name)))
         content = mutated(path, data.draw)
-        record.note(path.name, content, door, judged(path.name, content, door))
+        if time.monotonic() < until and record.is_new(content, door):
+            record.note(path.name, content, door, judged(path.name, content, door))
 
     one()
 
 
 def preload() -> None:
     """What the commands import, once: each input has a process of its own, forked from this one."""
+    import calib_targets  # noqa: F401
     import cv2
+    import rosbags.serde.primitives  # noqa: F401
+    import rosbags.typesys.stores.ros2_jazzy  # noqa: F401
+    import scipy.sparse.linalg  # noqa: F401
+    import scipy.stats  # noqa: F401
+    import tqdm  # noqa: F401
 
-    import fisheye_ep_calib.commands.calibrate
-    import fisheye_ep_calib.commands.detect
-    import fisheye_ep_calib.commands.evaluate
-    import fisheye_ep_calib.storage.sources.bag_file
-    import fisheye_ep_calib.storage.sources.db3_file
-    import fisheye_ep_calib.storage.sources.mcap_file  # noqa: F401
+    import fisheye_ep_calib
 
+    for module in pkgutil.walk_packages(fisheye_ep_calib.__path__, "fisheye_ep_calib."):
+        if not module.name.startswith(("fisheye_ep_calib.ros", "fisheye_ep_calib.web", "fisheye_ep_calib.__main__")):
+            importlib.import_module(module.name)
     cv2.setNumThreads(1)
 
 
@@ -87,7 +102,7 @@ def main() -> int:
     record, began = Record(), time.monotonic()
     until = began + 60 * minutes
     while time.monotonic() < until:
-        search(record, number)
+        search(record, number, until)
         number += 1
         print(f"{sum(record.counts.values())} inputs, {len(record.failed)} failing, {record.seconds:.1f} s, "
               f"{record.megabytes:.0f} MB at most", flush=True)  # fmt: skip
