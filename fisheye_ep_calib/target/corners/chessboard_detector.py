@@ -20,6 +20,7 @@ from fisheye_ep_calib.target.corners.guidance import find_guided
 from fisheye_ep_calib.target.corners.measurement import Surroundings
 from fisheye_ep_calib.target.corners.refinement import looks_like_corner, refine_corners
 from fisheye_ep_calib.target.corners.saddle_fit import fit_saddles
+from fisheye_ep_calib.target.corners.texture import has_corners_everywhere
 from fisheye_ep_calib.target.detection import Detection, RowsOfPoints, check_image
 from fisheye_ep_calib.target.labelling import Placement, label_patch
 from fisheye_ep_calib.target.sharpness import why_not
@@ -30,6 +31,7 @@ FEWEST_CORNERS = 8  # of a view
 SCALES = (1.0, 0.5, 0.25)  # at which the image is searched
 SMALLEST_SIDE = 200  # pixels of a reduced image
 SECOND_SIDE = 1100  # pixels: another board is looked for in an image reduced to less
+LARGE = 6_000_000  # pixels of an image that is searched from small to large
 MOSTLY_FOUND = 0.75  # share of the corners that ends the search
 TOO_MANY = 1.5  # times the corners of the target: something else
 NOTHING = np.empty((0, 2), dtype=int), np.empty((0, 2))
@@ -92,9 +94,13 @@ class ChessboardDetector:
         return best
 
     def _patches(self, image: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Patches found in the image and in smaller copies of it, largest first."""
+        """Patches found in the image and in smaller copies of it, largest first.
+
+        A large image is searched from small to large: what a reduced copy shows need not be found at full size, where
+        a texture has corners without end.
+        """
         patches: list[tuple[np.ndarray, np.ndarray]] = []
-        for scale in SCALES:
+        for scale in SCALES if image.size <= LARGE else SCALES[::-1]:
             if scale < 1.0 and scale * min(image.shape) < SMALLEST_SIDE:
                 break
             patches.append(self._find(image, scale))
@@ -181,6 +187,8 @@ class ChessboardDetector:
             size = int(image.shape[1] * scale), int(image.shape[0] * scale)
             small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         library = _calib_targets()
+        if small.size > LARGE and has_corners_everywhere(small):
+            return NOTHING
         cells, pixels = self._find_whole(small) if library is None else _find_part(library, small)
         factor = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
         return (_right_handed(cells, pixels), (pixels + 0.5) * factor - 0.5) if len(cells) else NOTHING
