@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
+from fisheye_ep_calib.calibration.estimating.lens_field_estimate import with_lens_field
 from fisheye_ep_calib.calibration.estimating.point_names import recounted
 from fisheye_ep_calib.calibration.estimating.pose_repair import repaired
 from fisheye_ep_calib.calibration.estimating.shape_estimate import with_estimated_shape
@@ -28,6 +29,7 @@ from fisheye_ep_calib.calibration.selecting.outliers import (
     screen_with_shape,
 )
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.target.shape.faces import faces_of
 from fisheye_ep_calib.target.shape.model import BOW, FLAT, FREE
@@ -60,6 +62,8 @@ def screened_fit(
     shape: of BOARD_SHAPES. families: pupils with which a free shape is judged.
     """
     started = time.perf_counter()
+    field = LENS_FIELD.name in base.extras  # which comes last: what is wrong with points or poses would pass for it
+    base = replace(base, extras=tuple(name for name in base.extras if name != LENS_FIELD.name))
     start, same_place = _first_fit_of_places(observations, settings, base)
     initialized = time.perf_counter()
     fit = _in_stages(start, base)
@@ -78,6 +82,9 @@ def screened_fit(
     effects = (*((FLEX, IN_PLANE) if settings.flex else ()), *(SHUTTER if settings.rolling_shutter else ()))
     if effects:
         fit = with_view_effects(fit, effects)
+    if field:
+        fit = _with_field(fit)
+    if effects or field:
         screening = replace(screening, start=fit)
     seconds = {
         "initialize": initialized - started,
@@ -86,6 +93,13 @@ def screened_fit(
     }
     left_out = (screening.rejected, screening.wrong_views)
     return ScreenedFit(screening.start, fit, *left_out, seconds, same_place, (*alike, *reasons))
+
+
+def _with_field(fit: Fit) -> Fit:
+    try:
+        return with_lens_field(fit, shape_anew=True)
+    except np.linalg.LinAlgError:  # the views leave open even less
+        return fit
 
 
 def _in_stages(start: Fit, base: Structure) -> Fit:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.field_prior import FieldPrior
 from fisheye_ep_calib.calibration.pupil_prior import PupilPrior
 from fisheye_ep_calib.camera import KNOWN_EXTRAS, KNOWN_LENSES, LENS_EXTRAS, LENSES, PUPIL_FAMILIES, FisheyeCamera
 from fisheye_ep_calib.camera.extras.tangential import TANGENTIAL
@@ -28,7 +29,8 @@ class Structure:
     lens: key of LENSES. skew: whether it is estimated or zero. extras: names of LENS_EXTRAS that are estimated.
     board_shape: what the target may be: "flat", "bow" (three terms) or "free" (target/shape/). target_axis: the
     paper's equation as printed; no camera. held: the camera stays as it is; poses and the target's shape alone are
-    estimated. pupil_prior: what is known beforehand of the pupil's last terms; None where nothing is.
+    estimated. pupil_prior, field_prior: what is known beforehand of the pupil's last terms, and of a lens field; None
+    where nothing is.
     """
 
     model: str = "ep_even"
@@ -40,6 +42,7 @@ class Structure:
     target_axis: bool = False
     held: bool = False
     pupil_prior: PupilPrior | None = None
+    field_prior: FieldPrior | None = None
 
     @staticmethod
     def of_camera(camera: FisheyeCamera, board_shape: str = FLAT) -> Structure:

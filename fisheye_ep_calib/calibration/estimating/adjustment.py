@@ -85,6 +85,11 @@ class AdjustmentProblem:
         return int(self.free.sum()) + self.bow_size
 
     @property
+    def known_size(self) -> int:
+        """How many of the shared parameters have a prior."""
+        return 0 if self.prior is None else int((np.diag(self.prior)[self.free] > 0).sum())
+
+    @property
     def view_count(self) -> int:
         return sum(len(block.views) for block in self.blocks)
 

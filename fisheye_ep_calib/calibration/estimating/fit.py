@@ -32,6 +32,7 @@ from fisheye_ep_calib.calibration.estimating.shape_equations import solve_scaled
 from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import LENS, Structure
+from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
@@ -86,7 +87,9 @@ class Fit:
 
     @property
     def degrees_of_freedom(self) -> int:
-        return 2 * self.sightings.point_count - 6 * len(self.sightings.images) - self.problem.shared_size
+        """Residuals less the unknowns without a prior."""
+        unknowns = self.problem.shared_size - self.problem.known_size
+        return 2 * self.sightings.point_count - 6 * len(self.sightings.images) - unknowns
 
     @cached_property
     def settled(self) -> NormalEquations:
@@ -102,7 +105,8 @@ class Fit:
         """
         if self.problem.loss.kind == "linear":
             return 2 * self.adjustment.equations.cost / max(self.degrees_of_freedom, 1), 1.0
-        freedom = self.degrees_of_freedom - round(self.problem.shape.freedom) * (self.problem.shape_size > 0)
+        freedom = self.degrees_of_freedom - self.problem.known_size
+        freedom -= round(self.problem.shape.freedom) * (self.problem.shape_size > 0)
         if self.problem.effects:
             freedom -= round(self.problem.effects.freedom)
         return noise_variance(self.problem.loss, self.weighted_square, freedom)
@@ -239,7 +243,7 @@ def opened(
     camera = structure.camera_like(state.camera, float(np.nanmax(theta)))
     position = np.searchsorted(start.sightings.images, sightings.images)
     poses = state.camera_from_target[position]
-    model, known = sightings.shape_model(structure.board_shape), structure.pupil_prior
+    model = sightings.shape_model(structure.board_shape)
     problem = AdjustmentProblem(
         sightings.blocks,
         replace(sightings.features, target_axis=structure.target_axis),
@@ -248,13 +252,23 @@ def opened(
         theta_limit=float(min(np.pi, 1.2 * np.nanmax(theta) + 0.1)),
         loss=loss or sightings.loss,
         effects=sightings.effects,
-        prior=None if known is None else known.penalty(camera, start.noise_variance[0] * start.clustering),
+        prior=_known_beforehand(structure, camera, start),
     )
     shape = model.state_like(start.problem.shape, state.shape)
     if sightings.effects is None:
         return problem, AdjustmentState(camera, poses, shape)
     effects = sightings.effects.state_like(start.problem.effects, state.effects, len(state.camera_from_target))
     return problem, AdjustmentState(camera, poses, shape, effects[position])
+
+
+def _known_beforehand(structure: Structure, camera: FisheyeCamera, start: Fit) -> np.ndarray | None:
+    """Λ (P, P), px², of the camera's parameters; start: a fit whose residuals are nearly those to come."""
+    penalties = []
+    if structure.pupil_prior is not None:
+        penalties.append(structure.pupil_prior.penalty(camera, start.noise_variance[0] * start.clustering))
+    if structure.field_prior is not None:
+        penalties.append(structure.field_prior.penalty(camera))
+    return np.sum(penalties, axis=0) if penalties else None
 
 
 def adjusted(

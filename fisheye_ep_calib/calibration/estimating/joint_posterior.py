@@ -26,6 +26,7 @@ from fisheye_ep_calib.calibration.estimating.shape_equations import (
 )
 from fisheye_ep_calib.calibration.estimating.sightings import Sightings
 from fisheye_ep_calib.calibration.estimating.view_effects import VIEW_GROUPS, view_effects
+from fisheye_ep_calib.calibration.field_prior import FieldPrior
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD, ORDERS
 from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FREE, GROUPS, free_model
 from fisheye_ep_calib.target.shape.variances import Likelihood, Posterior, Variances
@@ -34,6 +35,7 @@ LENS_GROUPS = tuple(f"lens order {order}" for order in ORDERS)
 JOINT_GROUPS = (*GROUPS, *VIEW_GROUPS, *LENS_GROUPS)
 FIRST_VIEW, FIRST_LENS = len(GROUPS), len(GROUPS) + len(VIEW_GROUPS)
 _FREE = -1  # without a prior
+_NO_FIELD = 1e-3  # pixels: τ of an order that has vanished beside another that has not
 _GATHERED = 1e-4  # of the mean square: what is less of a lens field's column, the others tell
 
 
@@ -80,6 +82,9 @@ class JointLinearisation:
         in_field = np.isin(np.concatenate([names, [""] * problem.bow_size]), LENS_FIELD.coefficient_names)
         self._camera_columns, field = np.flatnonzero(~in_field), np.flatnonzero(in_field)
         self.camera_names = tuple(names[~in_field[: len(names)]].tolist())
+        if len(field):
+            equations = equations.without_shared(field, state.camera.parameters[problem.free][field])
+        self._field_gram = equations.shared[np.ix_(field, field)]
         self._equations, self._lens_group = _with_gathered_field(equations, field, point_count)
         self._lens_columns = len(in_field) - len(field) + np.arange(len(self._lens_group))
         if len(field):
@@ -207,6 +212,30 @@ class JointLinearisation:
         square = self._equations.by_view[:, columns, columns].sum(axis=0).mean()
         return float(np.sqrt(square / self.point_count))
 
+    def field_prior(self, variances: Variances) -> FieldPrior:
+        """Of the lens field's own coefficients under these variances: Λ = σ²/(τ² M) G in each order of the M sightings.
+
+        What an order's coefficients c do to the points is cᵀ G c, px², and M τ² a priori for each; what the sightings
+        hardly tell of them counts as the least that they do.
+        """
+        penalties, orders = np.zeros_like(self._field_gram), np.array(LENS_FIELD.orders)
+        for index, order in enumerate(ORDERS):
+            own = np.flatnonzero(orders == order)
+            scale, values, vectors = _scaled_eigen(self._field_gram[np.ix_(own, own)])
+            root = (vectors * np.sqrt(np.maximum(values, _GATHERED * values.max()))).T / scale
+            tau = max(float(variances.deviation[FIRST_LENS + index]), _NO_FIELD)
+            penalties[np.ix_(own, own)] = variances.noise**2 / (tau**2 * self.point_count) * root.T @ root
+        return FieldPrior(tuple(map(tuple, penalties.tolist())))
+
+    def expected_square(self, variances: Variances, groups: Iterable[str]) -> np.ndarray:
+        """Of every view (V,) what some of the views' groups do to its points a priori, px² summed: Σ τ_k² |z_k|²."""
+        own = np.isin(np.array(JOINT_GROUPS)[self._view_group], list(groups))
+        columns = 6 + np.flatnonzero(own)
+        square: np.ndarray = (
+            self._equations.by_view[:, columns, columns] @ variances.deviation[self._view_group[own]] ** 2
+        )
+        return square
+
     def visible(self, variances: Variances, posterior: JointPosterior, groups: Iterable[str]) -> float:
         """What some groups do to the residuals of a camera and poses fitted without them: px², summed over the points.
 
@@ -264,7 +293,7 @@ def linearised_jointly(fit: Fit) -> JointLinearisation:
     points = seen_points(sightings)
     effects = view_effects(sightings.target, points, sightings.observations.image_size[1])
     extras = tuple(dict.fromkeys((*structure.extras, LENS_FIELD.name)))
-    structure = replace(structure, extras=extras)
+    structure = replace(structure, extras=extras, field_prior=None)
     sightings = replace(sightings, effects=effects)
     if sightings.features.board.planar:
         structure = replace(structure, board_shape=FREE)
@@ -278,6 +307,12 @@ def seen_points(sightings: Sightings) -> np.ndarray:
     observations = sightings.observations
     used = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
     return np.bincount(observations.point_index[used], minlength=len(observations.object_points)) > 0
+
+
+def _scaled_eigen(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """1/√ of a Gram matrix's diagonal (k,); eigenvalues (k,) and -vectors (k, k) of the matrix so scaled."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return scale, *np.linalg.eigh(gram * scale[:, None] * scale)
 
 
 def _with_gathered_field(
@@ -294,8 +329,7 @@ def _with_gathered_field(
     mixing, group = [], []
     for index, order in enumerate(ORDERS):
         own = np.flatnonzero(orders == order)
-        scale = 1 / np.sqrt(np.maximum(np.diag(gram)[own], 1e-300))
-        values, vectors = np.linalg.eigh(gram[np.ix_(own, own)] * scale[:, None] * scale)
+        scale, values, vectors = _scaled_eigen(gram[np.ix_(own, own)])
         kept = values > _GATHERED * values.max()
         part = np.zeros((len(field), int(kept.sum())))
         part[own] = scale[:, None] * vectors[:, kept] * np.sqrt(points / values[kept])

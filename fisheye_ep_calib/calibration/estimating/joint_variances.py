@@ -17,26 +17,33 @@ from fisheye_ep_calib.calibration.estimating.joint_posterior import (
     FIRST_LENS,
     FIRST_VIEW,
     JOINT_GROUPS,
+    LENS_GROUPS,
     JointLinearisation,
     JointPosterior,
     linearised_jointly,
 )
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 from fisheye_ep_calib.target.shape.model import FIRST_DEVIATIONS, GROUPS, REVIVED_DEVIATION
 from fisheye_ep_calib.target.shape.variances import Likelihood, Variances, gains, most_likely
 
-_TRIED = (1.0, 4.0, 0.3)  # what an effect moves the points by, in σ, where the search for its τ starts
+# What an effect moves the points by, in σ, where the search for its τ starts: a τ below the best is better than none.
+_TRIED = (1.0, 4.0, 0.1)
 _KEPT = "joint_variances"
 
 
 class JointVariances:
     """Of groups of a linearisation, each set found once.
 
-    near: variances of the shape's groups that are nearly the most likely ones, where they are known.
+    near: variances of the shape's groups that are nearly the most likely ones, where they are known. always: groups
+    that the fit itself has, and every set with it.
     """
 
-    def __init__(self, linearisation: JointLinearisation, near: Variances | None = None) -> None:
+    def __init__(
+        self, linearisation: JointLinearisation, near: Variances | None = None, always: tuple[str, ...] = ()
+    ) -> None:
         self.linearisation = linearisation
         self._near = near
+        self._always = always
         self._found: dict[tuple[str, ...], tuple[Variances, JointPosterior]] = {}
         self._trials: dict[tuple[bytes, float], Likelihood] = {}
 
@@ -47,7 +54,10 @@ class JointVariances:
 
     def most_likely(self, groups: Iterable[str]) -> tuple[Variances, JointPosterior]:
         """The variances of some groups and the posterior under them; groups may vanish. Found once."""
-        asked = set(groups) & set(self.linearisation.available)
+        return self._most_likely({*groups, *self._always})
+
+    def _most_likely(self, groups: set[str]) -> tuple[Variances, JointPosterior]:
+        asked = groups & set(self.linearisation.available)
         wanted = tuple(name for name in JOINT_GROUPS if name in asked)
         if wanted not in self._found:
             self._found[wanted] = self._search(wanted)
@@ -75,7 +85,7 @@ class JointVariances:
         own = [groups for groups in own if groups]
         if not own:
             return self._settled(*self._start(wanted))
-        variances, posterior = self.most_likely([name for name in wanted if name in GROUPS])
+        variances, posterior = self._most_likely({name for name in wanted if name in GROUPS})
         without = (replace(variances, noise=posterior.noise), posterior)
         best, likelihood = min(self._starts(*without, own), key=_deviance)
         if best is without[0]:
@@ -143,7 +153,8 @@ def joint_variances(fit: Fit) -> JointVariances:
     if _KEPT not in kept:
         near = fit.problem.shape.variances
         known = near is not None and near.deviation.any()
-        kept[_KEPT] = JointVariances(linearised_jointly(fit), near if known else None)
+        always = LENS_GROUPS if LENS_FIELD.name in fit.structure.extras else ()
+        kept[_KEPT] = JointVariances(linearised_jointly(fit), near if known else None, always)
     variances: JointVariances = kept[_KEPT]
     return variances
 

@@ -118,6 +118,20 @@ class NormalEquations:
             shape = replace(shape, gradient=shape.gradient - np.einsum("vqk,vq->k", shape.pose[:, own], values))
         return replace(self, by_view=by_view, cost=cost, shape=shape)
 
+    def without_shared(self, columns: np.ndarray, values: np.ndarray) -> NormalEquations:
+        """The same linearised residuals with some (c,) of the shared parameters, values (c,), put back to zero."""
+        by_view, own = self.by_view.copy(), self.view_size + columns
+        by_view[:, :-1, -1] -= self.by_view[:, :-1, own] @ values
+        by_view[:, -1, :-1] = by_view[:, :-1, -1]
+        linear = self.by_view[:, own, -1] @ values
+        square = np.einsum("k,vkl,l->v", values, self.by_view[:, own[:, None], own], values)
+        by_view[:, -1, -1] += square - 2 * linear
+        cost = self.cost + float((0.5 * square - linear).sum())
+        shape = self.shape
+        if shape is not None:
+            shape = replace(shape, gradient=shape.gradient - shape.camera[columns].T @ values)
+        return replace(self, by_view=by_view, cost=cost, shape=shape)
+
     def of_views(self, views: np.ndarray) -> NormalEquations:
         """The equations of some of the views alone, at the same state; under a robust loss the cost is Σ ρ′ s / 2."""
         part = self.by_view[views]

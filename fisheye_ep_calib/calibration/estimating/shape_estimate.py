@@ -16,15 +16,25 @@ from fisheye_ep_calib.target.shape.model import (
     FLAT,
     FREE,
     REVIVED_DEVIATION,
+    ROUGH_GROUPS,
     free_model,
     with_variances,
 )
-from fisheye_ep_calib.target.shape.variances import Posterior, Variances, backward, gain_over_none, most_likely, none
+from fisheye_ep_calib.target.shape.variances import (
+    Posterior,
+    Variances,
+    backward,
+    chance_gain,
+    gain_over_none,
+    most_likely,
+    none,
+)
 
 _ROUNDS = 3
 _SETTLED = 0.1  # relative change of every τ, which its few coefficients tell to a third: the next round says the same
 _NEGLIGIBLE = 1e-6  # metres: 0.005 px of a board that fills the image of a small camera
 _FEW_VIEWS = 6  # below it a group must prove itself
+_FALSE = 0.01  # of targets that are as their file says: how many may be given a shape
 GATE = 9.5  # of −2 log-likelihood; a group of a flat board gains as much once in 160 sets
 _CLOSE = 1e-5  # tolerance of a fit that the next round refines
 
@@ -77,9 +87,12 @@ def _variances(
         # What was left out there is given another chance.
         start = replace(near, deviation=np.maximum(near.deviation, REVIVED_DEVIATION))
         estimate = most_likely(linearisation, start, from_nothing=False)
-    if gain_over_none(linearisation, *estimate) < GATE:
+    gain = gain_over_none(linearisation, *estimate)
+    if gain < GATE:
         return none(estimate[0]), linearisation(none(estimate[0]))
-    if len(sightings.images) < _FEW_VIEWS:
+    # Many groups together gain by chance what none of them would: then each must prove itself.
+    groups = len(np.unique(problem.shape.group)) + len(ROUGH_GROUPS)
+    if len(sightings.images) < _FEW_VIEWS or gain < chance_gain(groups, _FALSE):
         estimate = backward(linearisation, *estimate, GATE)
     return estimate
 

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.fit import Fit, refine
+from fisheye_ep_calib.calibration.estimating.lens_field_estimate import with_lens_field
 from fisheye_ep_calib.calibration.selecting.cross_validation import CrossValidation, cross_validate
 from fisheye_ep_calib.calibration.selecting.nested_tests import first_step_test, nested_test
 from fisheye_ep_calib.calibration.structure import FREER_LENS, LENS, Structure
 from fisheye_ep_calib.camera import PUPIL_FAMILIES
+from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 
 FREER = f"lens {FREER_LENS}"
 _TESTED = "tested_structures"
@@ -104,10 +106,20 @@ def tested(structure: Structure, plain: Fit) -> tuple[float, Fit | None]:
     if structure not in tests:
         chance, fit = first_step_test(structure, plain), None
         if chance <= _HOPELESS:
-            fit = refine(plain, structure)
+            fit = _fitted(plain, structure)
             chance = nested_test(fit, plain)
         tests[structure] = chance, fit
     return tests[structure]
+
+
+def _fitted(plain: Fit, structure: Structure) -> Fit:
+    """A structure fitted from a plainer one; a lens field that the other lacks with its likeliest variances."""
+    if LENS_FIELD.name not in structure.extras or LENS_FIELD.name in plain.structure.extras:
+        return refine(plain, structure)
+    try:
+        return with_lens_field(plain)
+    except np.linalg.LinAlgError:  # the views leave something open
+        return plain
 
 
 def with_model(structure: Structure, model: str, terms: int | None) -> Structure:

@@ -23,6 +23,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
+from math import comb
 
 import numpy as np
 
@@ -163,6 +165,24 @@ def gain_over_none(posterior_of: PosteriorOf, variances: Variances, posterior: P
     without = none(variances)
     without = replace(without, noise=posterior_of(without).noise)
     return posterior_of(without).deviance(without) - posterior.deviance(variances)
+
+
+@cache
+def chance_gain(groups: int, chance: float) -> float:
+    """The gain in −2 log-likelihood that so many groups reach together with this chance where all of their τ are 0.
+
+    At the border of what τ may be each is zero in half of the cases, and else gains a χ² of one degree of freedom: so
+    P(gain > g) = Σ_k binomial(G, k) 2^−G P(χ²_k > g) (Self and Liang, J. Am. Stat. Assoc. 82, 1987).
+    """
+    from scipy.special import chdtrc  # scipy.stats would take half a second more to load
+
+    count = np.arange(1, groups + 1)
+    share = np.array([comb(groups, k) / 2**groups for k in count])
+    low, high = 0.0, 1e3
+    while high - low > 1e-6:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if float(share @ chdtrc(count, middle)) > chance else (low, middle)
+    return high
 
 
 def gains(variances: Variances, posterior: Posterior) -> np.ndarray:

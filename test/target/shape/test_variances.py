@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from fisheye_ep_calib.target.shape.variances import Posterior, Variances, backward, gain_over_none, most_likely
+from fisheye_ep_calib.target.shape.variances import (
+    Posterior,
+    Variances,
+    backward,
+    chance_gain,
+    gain_over_none,
+    most_likely,
+)
 
 GROUP = np.repeat([0, 1, 2], [6, 20, 30])
 NOISE = 0.2
@@ -84,3 +91,13 @@ def test_a_group_that_is_not_there_vanishes_and_one_that_is_stays() -> None:
     assert gone > 30
     assert kept_wrongly <= 1
     assert lost == 0
+
+
+def test_what_groups_that_are_not_there_gain_together_by_chance() -> None:
+    gains = np.array([_gain(LinearProblem(np.zeros(3), seed)) for seed in range(200)])
+    for chance in (0.2, 0.05):
+        assert abs((gains > chance_gain(3, chance)).mean() - chance) < 3 * np.sqrt(chance * (1 - chance) / len(gains))
+
+
+def _gain(problem: LinearProblem) -> float:
+    return gain_over_none(problem, *most_likely(problem, START))
