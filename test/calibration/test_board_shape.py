@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bent_boards import aligned, bent, seen_bent
+from changing_boards import seen_changing
 from known_scenes import BOARD, CAMERA, poses_of, seen, with_gross_errors
 
 from fisheye_ep_calib import InputError, Observations, calibrate, compare, evaluate, load_target, save_camera
@@ -224,3 +225,9 @@ def test_each_face_of_a_box_of_boards_has_its_own_shape() -> None:
     assert np.ptp(heights[54:108]) < 0.3 * np.ptp(heights[:54])
     surveyed = np.random.default_rng(2).uniform(-0.06, 0.06, (40, 3))
     assert calibrate(seen(CAMERA, surveyed, poses_of(12)), "ep_even", board_shape="free").board.kind == "flat"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_flat_board_is_given_no_shape(seed) -> None:
+    """Many groups of fields together gain by chance what one alone would not."""
+    assert calibrate(seen_changing(seed=seed), "ep_even", board_shape="auto").fit.problem.shape_size == 0

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from fisheye_ep_calib.calibration.assessing.view_changes import BOARD_FLEXES, view_changes
 from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.calibration.estimating.shape_estimate import GATE, linearised
+from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE
 from fisheye_ep_calib.target.shape.basis import HEIGHT_GROUPS
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FLAT, FREE, GROUPS
-from fisheye_ep_calib.target.shape.variances import backward
+from fisheye_ep_calib.target.shape.variances import backward, gains
+
+_HEIGHTS = [GROUPS.index(name) for name in HEIGHT_GROUPS]
 
 
 def board_shape(fit: Fit) -> BoardShape:
@@ -42,9 +47,20 @@ def _is_bent(fit: Fit) -> bool:
     """Whether a smooth height is left once every group is left out that gains too little."""
     variances = fit.problem.shape.variances
     assert variances is not None
-    heights = [GROUPS.index(name) for name in HEIGHT_GROUPS]
-    if not variances.deviation[heights].any():
+    if not variances.deviation[_HEIGHTS].any():
         return False
     linearisation = linearised(fit)
     kept, _ = backward(linearisation, variances, linearisation(variances), GATE)
-    return bool(kept.deviation[heights].any())
+    return bool(kept.deviation[_HEIGHTS].any()) and _bent_beside_flex(fit)
+
+
+def _bent_beside_flex(fit: Fit) -> bool:
+    """Whether the views agree on a bend beside what the board does in each: the mean of that is no bend of its own."""
+    try:
+        found = joint_variances(fit)
+        if not view_changes(found).raised(BOARD_FLEXES):
+            return True
+        estimate = found.most_likely((*GROUPS, FLEX, IN_PLANE))
+    except np.linalg.LinAlgError:  # the views leave something open
+        return True
+    return bool(gains(*estimate)[_HEIGHTS].max() >= GATE)

@@ -15,11 +15,11 @@ from fisheye_ep_calib.calibration.assessing.asymmetry import not_symmetric
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, azimuth_and_distance, coverage, reachable
 from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.assessing.near_far import NearFarSplit, near_far, near_far_advice, split_near_far
-from fisheye_ep_calib.calibration.assessing.structured_views import structured_views
+from fisheye_ep_calib.calibration.assessing.structured_views import points_by_view, structured_views
 from fisheye_ep_calib.calibration.assessing.target_findings import board_bent, board_scale, squares_counted, units
 from fisheye_ep_calib.calibration.assessing.two_cameras import PARAMETERS, two_cameras
 from fisheye_ep_calib.calibration.assessing.uncertainty import uncertainty
-from fisheye_ep_calib.calibration.assessing.view_changes import changes_found, view_changes
+from fisheye_ep_calib.calibration.assessing.view_changes import ViewChanges, changes_found, view_changes
 from fisheye_ep_calib.calibration.estimating.fit import Fit
 from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.camera import FisheyeCamera
@@ -28,6 +28,7 @@ from fisheye_ep_calib.camera.parameters import pupil_names
 from fisheye_ep_calib.target.shape.measured import BoardShape
 
 _AS_GOOD_AS_ANY = 0.05  # px RMS of a view, up to which nothing about it is worth a second look
+_STANDS_OUT = 2.5  # times the RMS of the middle view
 _UNEQUAL = 0.02  # |fx / fy − 1|, beyond which something other than the sensor is likelier
 RING_DEGREES = 15
 SECTORS = len(SECTOR_NAMES)
@@ -64,21 +65,21 @@ def diagnose(
     theta, azimuth, distance = _sighting_geometry(fit)
     counts = coverage(theta, azimuth, RING_DEGREES, SECTORS)
     in_image = reachable(camera, len(counts), RING_DEGREES, SECTORS)
-    view_rms = fit.view_rms
+    view_rms, changes = fit.view_rms, _view_changes(fit)
     split = split_near_far(fit, distance)
     findings = [
         _coverage(counts, in_image),
         _depth(theta, distance),
         *([_pupil_against_depth(fit)] if len(camera.coefficients) else []),
         *([near_far(split, near_far_advice(fit, chosen))] if split else []),
-        _worst_view(fit, view_rms, names),
+        _worst_view(fit, view_rms, names, changes),
         *_correlated_residuals(uncertainty(fit).clustering),
         *_copies(len(fit.sightings.images), same_place or {}),
         *_two_cameras(fit, names),
         pixels_not_square(camera),
         *squares_counted(fit),
         *units(distance, camera),
-        *_view_changes(fit),
+        *(changes_found(changes, fit.problem.effects.names if fit.problem.effects else ()) if changes else ()),
         *structured_views(fit, names),
         _few_views(len(fit.sightings.images)),
         *not_symmetric(fit),
@@ -209,22 +210,26 @@ def _two_cameras(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
     return [Finding("two_cameras", values, True, told)]
 
 
-def _view_changes(fit: Fit) -> tuple[Finding, ...]:
+def _view_changes(fit: Fit) -> ViewChanges | None:
     """Whether the board bent between views, or something moved while the shutter rolled."""
     try:
-        return changes_found(
-            view_changes(joint_variances(fit)), fit.problem.effects.names if fit.problem.effects else ()
-        )
+        return view_changes(joint_variances(fit))
     except np.linalg.LinAlgError:  # the views leave something open
-        return ()
+        return None
 
 
-def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...]) -> Finding:
-    worst, middle = int(np.argmax(view_rms)), float(np.median(view_rms))
+def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...], changes: ViewChanges | None) -> Finding:
+    """The view that is farthest beyond what the middle one has and what changes from view to view explain."""
+    middle = float(np.median(view_rms))
+    limit = np.full(len(view_rms), max(_STANDS_OUT * middle, _AS_GOOD_AS_ANY))
+    if changes and changes.told:
+        beside_noise = changes.explained_px(changes.told, points_by_view(fit))
+        limit = np.maximum(limit, np.hypot(_STANDS_OUT * changes.noise_px[changes.told], beside_noise))
+    worst = int(np.argmax(view_rms / limit))
     name = names[int(fit.sightings.images[worst])]
     values = {"rms_px": float(view_rms[worst]), "median_rms_px": middle, "image": float(fit.sightings.images[worst])}
     told = f"the worst view is {name}: {view_rms[worst]:.3f} px, where the middle one has {middle:.3f} px"
-    if view_rms[worst] <= max(2.5 * middle, _AS_GOOD_AS_ANY):
+    if view_rms[worst] <= limit[worst]:
         return Finding("worst_view", values, False, f"{told}: none stands out")
     return Finding("worst_view", values, True, f"{told}; look at it for blur or a bent target, or record it again")
 

@@ -106,7 +106,7 @@ def view_patterns(fit: Fit) -> ViewPattern:
     statistic, moved = np.zeros(views), np.zeros(views)
     columns, freedom = np.zeros(views, int), np.zeros(views, int)
     cause = [""] * views
-    counts = _points_by_view(fit)
+    counts = points_by_view(fit)
     for view in range(views):
         hessian, gradient = by_view[view, :size, :size], by_view[view, :size, -1]
         square, count = float(by_view[view, -1, -1]), int(counts[view])
@@ -138,7 +138,7 @@ def _gain(hessian: np.ndarray, gradient: np.ndarray, chosen: np.ndarray) -> tupl
     return float(((vectors[:, seen].T @ right) ** 2 / values[seen]).sum()), int(seen.sum())
 
 
-def _points_by_view(fit: Fit) -> np.ndarray:
+def points_by_view(fit: Fit) -> np.ndarray:
     """Sightings used of each view (V,)."""
     image = fit.sightings.observations.image_index[fit.used]
     return np.bincount(np.searchsorted(fit.sightings.images, image), minlength=len(fit.sightings.images))

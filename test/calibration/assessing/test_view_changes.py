@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from changing_boards import seen_changing
 
 from fisheye_ep_calib.calibration.assessing.view_changes import changes_found, view_changes
+from fisheye_ep_calib.calibration.calibrate import calibrate
 from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
 from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.calibration.estimating.sightings import prepare
@@ -45,3 +49,35 @@ def test_their_words() -> None:
 def test_a_board_that_stays_as_it_is_raises_nothing(wave, seed) -> None:
     found = findings(wave=wave, seed=seed, views=(8, 20)[seed % 2])
     assert not [name for name, each in found.items() if each.concern or each.values["gain"] > 25]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_small_change_in_the_plane_is_no_rolling_shutter(seed) -> None:
+    found = findings(in_plane=6e-6, views=20, seed=seed)
+    assert [each.name for each in found.values() if each.concern] == ["board_flexes"]
+
+
+def told(seed: int, shaken: bool = False, **changes) -> dict:
+    observations = seen_changing(seed=seed, **changes)
+    if shaken:
+        rows = observations.image_index == 7
+        noise = np.random.default_rng(0).normal(0, 1.5, (int(rows.sum()), 2))
+        pixels = observations.pixels.copy()
+        pixels[rows] += noise
+        observations = replace(observations, pixels=pixels)
+    result = calibrate(observations, "ep_even", board_shape="free")
+    return {each.name: each.concern for each in result.diagnosis.findings}
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_the_mean_of_what_differs_by_view_is_no_bend(seed) -> None:
+    """Of 20 views it is a fifth of what the board does in each, which the shape takes up."""
+    flexes, bent_too = told(seed, flex=4e-5), told(seed, flex=4e-5, wave=2e-4)
+    assert flexes["board_flexes"] and not flexes["board_bent"]
+    assert bent_too["board_flexes"] and bent_too["board_bent"]
+
+
+def test_a_view_in_which_the_board_bends_more_is_not_the_worst() -> None:
+    """Its RMS is 2.6 times the middle view's; that of a shaken one is more than a flex explains."""
+    assert not told(1, flex=2e-4)["worst_view"]
+    assert told(1, flex=2e-4, shaken=True)["worst_view"]
