@@ -36,14 +36,14 @@ def main() -> None:
     print(f"{'recording':<40}{'E(60°) mm':>18}{'px at 0.1 m':>13}{'px at 10 m':>12}   (1σ, at 60°)")
     direction = np.array([np.sin(THETA), 0, np.cos(THETA)])
     for name, poses in recordings.items():
-        result = calibrate(observe(lens, board, poses, noise=NOISE), "ep_even")
+        result = calibrate(observe(lens, board, poses, noise=NOISE))
         camera, known = result.camera, result.uncertainty
         shift = 1e3 * camera.entrance_pupil(THETA)
         sigma = 1e3 * pupil_sigma(camera, known.covariance, THETA)
         near, far = projection_uncertainty(
             camera, known, result.fit.problem.free, np.array([0.1 * direction, 10 * direction])
         )
-        print(f"{name:<40}{shift:>9.3f} ± {sigma:.3f}{near:>13.3f}{far:>12.3f}")
+        print(f"{name:<40}{shift:>9.3f} ± {sigma:.3f}{near:>13.3f}{far:>12.3f}   {result.model}")
 
 
 if __name__ == "__main__":

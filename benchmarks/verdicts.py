@@ -3,7 +3,8 @@
     OMP_NUM_THREADS=1 python benchmarks/verdicts.py [--draws 20] [--workers 2]
 
 Synthetic: the Table 1 camera with an even pupil of several sizes, none among them, with new poses and noise for each
-draw; and once more with a lens that four terms of r(θ) do not follow. Real: public data sets, where they are at hand
+draw; once more with a lens that four terms of r(θ) do not follow; and with boards that are bent, rough, flex or stretch
+from view to view, and shutters that roll. Real: public data sets, where they are at hand
 (FISHEYE_EP_CALIB_DATA, or ../shared/data). Everything through the default ``auto``, which also decides skew,
 tangential terms, the lens and the board's bow.
 """
@@ -14,12 +15,14 @@ import argparse
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from findings import draw
 from monte_carlo import markdown, spread_over
 
-from fisheye_ep_calib import CalibrationResult, Observations, calibrate
+from fisheye_ep_calib import CalibrationResult, FisheyeCamera, Observations, calibrate
 from fisheye_ep_calib.calibration.assessing.evaluation import evaluate_camera
 from fisheye_ep_calib.calibration.selecting.pupil_verdict import DOUBTFUL, SUPPORTED
 from fisheye_ep_calib.camera.bands import pupil_sigma
@@ -32,15 +35,51 @@ NOISE = 0.15  # px of each coordinate
 SIZES = (0.0, 0.05, 0.1, 0.2, 1.0)  # of a real lens's pupil
 BENT = 5e-4  # k6 of a lens that four terms follow no better than 0.3 px RMS
 BENT_SIZES = (0.0, 0.2, 1.0)
+DISTURBANCES: dict[str, dict] = {  # as in findings.py
+    "flat": {},
+    "bent": {"base": "wave .3"},
+    "rough": {"rough": 0.05},
+    "flexing": {"flex": 0.08},
+    "stretching": {"in plane": 0.02},
+    "rolling shutter": {"turn": 0.08, "shift": 0.2},
+}
+DISTURBED_SIZES = {0.0: 3, 0.1: 1, 0.2: 1}  # draws of each disturbance, with 25 and 8 views, both bends
 PUPIL = np.array([-0.6e-3, -0.1e-3])  # E(80°) = −1.55 mm
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def camera_with(size: float, bend: float) -> FisheyeCamera:
+    """A camera with a pupil of a size in a lens with a k6."""
+    camera = replace(paper_camera(), model="ep_even", coefficients=tuple((size * PUPIL).tolist()))
+    return replace(camera, lens="kannala_brandt_6", radial=(*camera.radial, 0.0, bend))
+
+
+def one_disturbed(task: tuple[float, float, str, int, int]) -> str:
+    """Verdict where something else than the pupil moves the points."""
+    size, bend, disturbance, views, seed = task
+    observations = draw(DISTURBANCES[disturbance], views, seed, camera_with(size, bend))
+    return calibrate(observations).pupil_verdict.answer
+
+
+def disturbed_table(workers: int) -> str:
+    rows = []
+    for size, draws in DISTURBED_SIZES.items():
+        tasks = [
+            (size, bend, disturbance, views, 100 * int(10 * size) + seed)
+            for disturbance, bend, views, seed in product(DISTURBANCES, (0.0, BENT), (25, 8), range(draws))
+        ]
+        found = spread_over(one_disturbed, tasks, workers)
+        edge = np.radians(80) ** np.array([2, 4]) @ (size * PUPIL)
+        told = ", ".join(task[2] for task, answer in zip(tasks, found, strict=True) if answer == SUPPORTED)
+        counts = (f"{found.count(answer)} of {len(tasks)}" for answer in (SUPPORTED, DOUBTFUL))
+        rows.append((f"{1e3 * edge:.2f}", *counts, told))
+    return markdown(("E(80°), mm", SUPPORTED, DOUBTFUL, "supported with"), rows)
 
 
 def one_draw(task: tuple[float, float, int]) -> tuple[str, str]:
     """Verdict and chosen model for a pupil of a size in a lens with a k6."""
     size, bend, seed = task
-    camera = replace(paper_camera(), model="ep_even", coefficients=tuple((size * PUPIL).tolist()))
-    camera = replace(camera, lens="kannala_brandt_6", radial=(*camera.radial, 0.0, bend))
+    camera = camera_with(size, bend)
     target = replace(paper_target(), disc_radius=None)
     result = calibrate(observe(camera, target, paper_poses(target, seed), NOISE, seed))
     return result.pupil_verdict.answer, f"{result.model}{', 6 terms' * (result.camera.lens == camera.lens)}"
@@ -136,7 +175,8 @@ def main() -> None:
         print(f"no real data at {folder}: set FISHEYE_EP_CALIB_DATA to the folder that has them\n")
     for title, sizes, bend in (("", SIZES, 0.0), (f", k6 = {BENT:g}", BENT_SIZES, BENT)):
         table = synthetic_table(sizes, bend, arguments.draws, arguments.workers)
-        print(f"## Synthetic{title}, {NOISE} px\n\n{table}\n")
+        print(f"## Synthetic{title}, {NOISE} px\n\n{table}\n", flush=True)
+    print(f"## Where something else moves the points, 25 and 8 views\n\n{disturbed_table(arguments.workers)}")
 
 
 if __name__ == "__main__":
