@@ -22,10 +22,25 @@ def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
 
 
 def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3), rad, of rotations (..., 3, 3), none longer than π."""
-    from scipy.spatial.transform import Rotation  # not before it is needed: it takes long to load
+    """Rotation vectors (..., 3), rad, of rotations (..., 3, 3), none longer than π.
 
-    result: np.ndarray = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(rotation.shape[:-1])
+    The unit quaternion (w, v) = (cos ½φ, sin ½φ ω/φ) of R is the eigenvector of the largest eigenvalue of a symmetric
+    matrix, at every angle (Bar-Itzhack, "New method for extracting the quaternion from a rotation matrix", J. Guidance
+    23, 2000); SciPy's way takes longer to load than a calibration.
+    """
+    matrix = np.empty((*rotation.shape[:-2], 4, 4))
+    trace = np.trace(rotation, axis1=-2, axis2=-1)
+    across = np.swapaxes(rotation, -1, -2)
+    matrix[..., 1:, 1:] = rotation + across - trace[..., None, None] * np.eye(3)
+    matrix[..., 0, 0] = trace
+    for axis in range(3):
+        after, last = (axis + 1) % 3, (axis + 2) % 3
+        matrix[..., 0, 1 + axis] = matrix[..., 1 + axis, 0] = rotation[..., last, after] - rotation[..., after, last]
+    quaternion = np.linalg.eigh(matrix)[1][..., -1]
+    quaternion = np.where(quaternion[..., :1] < 0, -quaternion, quaternion)
+    sine = np.linalg.norm(quaternion[..., 1:], axis=-1, keepdims=True)
+    half = np.arctan2(sine, quaternion[..., :1])
+    result: np.ndarray = 2 * quaternion[..., 1:] * np.where(sine > 0, half / np.where(sine > 0, sine, 1.0), 1.0)
     return result
 
 

@@ -56,8 +56,8 @@ def supported(rich: Candidate, plain: Candidate, significance: float = SIGNIFICA
 
     How sure the gain is, is the test's matter: folds are few, and a gain may sit in the close-ups of one of them.
     """
-    better = rich.validation.mean_loss < plain.validation.mean_loss
-    return bool(better and nested_test(rich.fit, plain.fit) < significance)
+    told = nested_test(rich.fit, plain.fit) < significance
+    return bool(told and rich.validation.mean_loss < plain.validation.mean_loss)
 
 
 def best_of(candidates: Iterable[Candidate]) -> Candidate:

@@ -122,10 +122,13 @@ def screen(start: Fit, fit: Fit) -> Screening:
     """
     if _is_clean(fit):
         return Screening(start, (), ())
-    rich = richest_structure(fit.structure, fit.sightings)
-    if _is_clean(refine(start, rich)):
+    structure = richest_structure(fit.structure, fit.sightings)
+    rich = refine(start, structure)
+    if _is_clean(rich):
         return Screening(start, (), ())
-    return _screen_robustly(fit.sightings, fit.structure, rich)
+    if _is_nearly_clean(rich):
+        return _without_outliers(fit.sightings, fit.structure, _robust(rich, structure), structure, shaped=False)
+    return _screen_robustly(fit.sightings, fit.structure, structure)
 
 
 def screen_with_shape(fit: Fit, families: Sequence[str]) -> Screening:
@@ -173,14 +176,18 @@ def _is_nearly_clean(fit: Fit) -> bool:
 
 
 def _screen_robustly(sightings: Sightings, structure: Structure, rich: Structure, shaped: bool = False) -> Screening:
-    observations = sightings.observations
-    least = _LEAST_SIGMA * sightings.usual_weight
     start = first_fit(sightings, structure.lens, robust=True)
-    spread = robust_spread(_lengths(start, observations.weights)[_used(start)])
-    fit = repaired(refine(start, rich, loss=Loss("cauchy", max(2 * spread, least))))
+    fit = repaired(_robust(start, rich))
     if shaped:
-        fit = _huber_shape(fit, rich, least)
+        fit = _huber_shape(fit, rich, _LEAST_SIGMA * sightings.usual_weight)
     return _without_outliers(sightings, structure, fit, rich, shaped)
+
+
+def _robust(start: Fit, structure: Structure) -> Fit:
+    """A structure under a Cauchy loss by what another fit leaves over."""
+    spread = robust_spread(_lengths(start, start.sightings.observations.weights)[_used(start)])
+    least = _LEAST_SIGMA * start.sightings.usual_weight
+    return refine(start, structure, loss=Loss("cauchy", max(2 * spread, least)))
 
 
 def _without_outliers(sightings: Sightings, structure: Structure, fit: Fit, rich: Structure, shaped: bool) -> Screening:
