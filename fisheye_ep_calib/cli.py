@@ -6,6 +6,7 @@ It imports next to nothing before ``main`` is in charge, which an interruption m
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 PROGRAM = "fisheye_ep_calib"
 _INTERRUPTED = 130
+_OBJECTS = (
+    50_000  # made before cycles are looked for: after every 700, as Python does, costs a few percent of a command
+)
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -39,6 +43,7 @@ def _main(arguments: Sequence[str] | None) -> int:
             return _complete()
         if arguments is None:  # the process is this command's own
             _calculate_in_one_thread()
+            gc.set_threshold(_OBJECTS)
         parser = _parser(words)
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):

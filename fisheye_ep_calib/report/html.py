@@ -15,6 +15,7 @@ from markupsafe import Markup
 from fisheye_ep_calib.calibration.words import distance_text
 from fisheye_ep_calib.plain_text import printable
 from fisheye_ep_calib.report.data import CameraReport
+from fisheye_ep_calib.report.figures.style import without_collection
 from fisheye_ep_calib.report.panels import panels_of
 from fisheye_ep_calib.report.pictures import overlays_of
 from fisheye_ep_calib.storage.atomic import atomic_write
@@ -33,7 +34,8 @@ def report_html(cameras: Sequence[CameraReport], title: str = "") -> str:
     for number, camera in enumerate(cameras):
         prefix = f"camera-{number + 1}"
         overlays, magnified = overlays_of(camera)
-        sections = panels_of(camera, prefix)
+        with without_collection():
+            sections = panels_of(camera, prefix)
         order = sorted(range(len(camera.views)), key=lambda row: -_or_infinite(camera.views[row].rms_px))
         pages.append(
             {

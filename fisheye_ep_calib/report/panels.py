@@ -4,27 +4,52 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from fisheye_ep_calib.calibration.assessing.error_budget import ErrorBudget
 from fisheye_ep_calib.calibration.words import distance_text, sentence
-from fisheye_ep_calib.report.data import CameraReport
+from fisheye_ep_calib.report.data import CameraReport, StandInLoss
 from fisheye_ep_calib.report.figures.board import board_figure
-from fisheye_ep_calib.report.figures.budget import budget_figure
 from fisheye_ep_calib.report.figures.coverage import coverage_figure, distance_figure, uncertainty_figure
-from fisheye_ep_calib.report.figures.curves import lens_figure, near_far_figure, pupil_figure, stand_in_figure
+from fisheye_ep_calib.report.figures.curves import lens_figure, near_far_figure, pupil_figure
 from fisheye_ep_calib.report.figures.residuals import (
+    drawn_residuals,
     residual_vectors_figure,
     residuals_by_angle_figure,
     residuals_by_distance_figure,
 )
 
+_LEAST_LOSS = 1e-3  # px; less cannot be told from nothing
+_SOURCES = {
+    "corner_noise_px": "corner noise",
+    "board_px": "board, its shape",
+    "board_rough_px": "board, single points",
+    "lens_px": "lens",
+    "view_px": "from view to view",
+}
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A number of a few that are compared: text beside a bar, share (0 to 1) of the room long."""
+
+    label: str
+    text: str
+    share: float
+
 
 @dataclass(frozen=True)
 class Panel:
-    """A figure of the page. identity: its anchor, unique in the page. caption: how to read it."""
+    """A figure of the page. identity: its anchor, unique in the page. caption: how to read it. svg or bars: what it is.
+
+    Few numbers are bars of the page itself.
+    """
 
     identity: str
     title: str
     svg: str
     caption: str
+    bars: tuple[Bar, ...] = ()
 
 
 def panels_of(camera: CameraReport, prefix: str) -> dict[str, tuple[Panel, ...]]:
@@ -47,8 +72,9 @@ def _camera_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
             Panel(
                 identity,
                 "Where the residuals come from",
-                budget_figure(camera.budget, identity),
-                f"What each source does to the points, RMS of (dx, dy) over all of them: {camera.budget.sentence}.",
+                "",
+                f"What each source does to the points, RMS of (dx, dy) over all of them, px: {camera.budget.sentence}.",
+                budget_bars(camera.budget),
             )
         )
     identity = f"{prefix}-pupil"
@@ -74,19 +100,38 @@ def _camera_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
         )
     )
     if camera.stand_in is not None:
-        identity = f"{prefix}-stand-in"
-        drawn = stand_in_figure(camera.stand_in, identity)
-        if drawn is not None:
+        bars = stand_in_bars(camera.stand_in)
+        if bars:
             panels.append(
                 Panel(
-                    identity,
+                    f"{prefix}-stand-in",
                     "What a single viewpoint loses",
-                    drawn,
+                    "",
                     "RMS error of a consumer that reads only the plain CameraInfo, which is best at "
-                    f"{distance_text(camera.stand_in.distance_m)}.",
+                    f"{distance_text(camera.stand_in.distance_m)}, over the image at each distance.",
+                    bars,
                 )
             )
     return tuple(panels)
+
+
+def budget_bars(budget: ErrorBudget) -> tuple[Bar, ...]:
+    """RMS, px, of each source."""
+    shares = budget.to_dict()
+    most = max(*shares.values(), 1e-12)
+    return tuple(Bar(_SOURCES[name], f"{value:.3f}", value / most) for name, value in shares.items())
+
+
+def stand_in_bars(stand_in: StandInLoss) -> tuple[Bar, ...]:
+    """RMS, px, lost at each distance; none where nothing is."""
+    losses = {distance: stand_in.loss_px[distance] for distance in sorted(stand_in.loss_px)}
+    most = max((loss for loss in losses.values() if np.isfinite(loss)), default=0.0)
+    if most < _LEAST_LOSS:
+        return ()
+    return tuple(
+        Bar(distance_text(distance), f"{loss:.2g} px", min(loss / most, 1.0) if np.isfinite(loss) else 0.0)
+        for distance, loss in losses.items()
+    )
 
 
 def _residual_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
@@ -98,21 +143,23 @@ def _residual_panels(camera: CameraReport, prefix: str) -> tuple[Panel, ...]:
             identity,
             "Over the image",
             drawn,
-            f"Blue: every residual, {factor:g} times its size; in orange the mean of each cell, {mean_factor:g} times. "
+            f"Blue: {drawn_residuals(camera.residuals)}, {factor:g} times their size; in orange the mean of each "
+            f"cell, {mean_factor:g} times. "
             f"Noise points everywhere; arrows that agree with their neighbours are an error of the model.{crosses}",
         ),
         Panel(
             f"{prefix}-by-angle",
             "Against the angle θ",
             residuals_by_angle_figure(camera.residuals, f"{prefix}-by-angle"),
-            "Blue dots: radial parts; orange and green: means with their standard errors. "
+            f"Blue dots: radial parts of {drawn_residuals(camera.residuals)}; orange and green: means with their "
+            "standard errors. "
             "A mean that leaves zero by more than its bar shows a lens the model does not follow.",
         ),
         Panel(
             f"{prefix}-by-distance",
             "Against the distance",
             residuals_by_distance_figure(camera.residuals, f"{prefix}-by-distance"),
-            "Blue dots: lengths of residuals; orange: their RMS. "
+            f"Blue dots: lengths of {drawn_residuals(camera.residuals)}; orange: their RMS. "
             "An RMS that rises toward the near end tells of an entrance pupil that is "
             "missing or wrong, or of blur.",
         ),

@@ -59,12 +59,15 @@ class Overlay:
 
 
 def overlays_of(camera: CameraReport) -> tuple[tuple[Overlay, ...], float]:
-    """One overlay a view, and the factor by which residuals are enlarged in all of them."""
+    """One overlay a view, empty without a picture, and the factor by which residuals are enlarged in all of them."""
     length = np.linalg.norm(camera.residuals.error, axis=-1)
     factor = magnification(length, max(camera.image_size) / 35)
     cross, dot = max(camera.image_size) / 90, round(max(camera.image_size) / 320, 1)
     overlays = []
     for row, view in enumerate(camera.views):
+        if view.picture is None:
+            overlays.append(Overlay("", "", ""))
+            continue
         own = camera.residuals.view == row
         pixels, error = camera.residuals.pixels[own], factor * camera.residuals.error[own]
         wrong = [point.pixel for point in camera.rejected if point.view == view.name]

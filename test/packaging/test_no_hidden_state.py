@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib.util
 import json
 import os
@@ -184,10 +185,10 @@ def test_the_environment_is_passed_to_processes_and_never_set() -> None:
 def test_a_command_called_from_python_leaves_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in cli._THREADS:
         monkeypatch.delenv(name, raising=False)
-    before = dict(os.environ)
+    before, threshold = dict(os.environ), gc.get_threshold()
     with pytest.raises(SystemExit):
         cli.main(["--help"])
-    assert dict(os.environ) == before
+    assert dict(os.environ) == before and gc.get_threshold() == threshold
 
 
 def sets_environment(path: Path) -> bool:

@@ -12,7 +12,7 @@ import pytest
 from matplotlib import pyplot
 
 from fisheye_ep_calib import calibrate
-from fisheye_ep_calib.report.figures import style
+from fisheye_ep_calib.report.figures import residuals, style
 from fisheye_ep_calib.report.figures.board import draw_board
 from fisheye_ep_calib.report.from_calibration import calibration_report
 from fisheye_ep_calib.report.html import report_html, write_report
@@ -79,7 +79,6 @@ def test_every_figure_is_there(page):
     for wanted in (
         "Entrance pupil",
         "Lens",
-        "single viewpoint",
         "Over the image",
         "Against the angle",
         "Against the distance",
@@ -89,6 +88,25 @@ def test_every_figure_is_there(page):
         "Near against far",
     ):
         assert wanted in said
+
+
+def test_few_numbers_are_bars_with_their_values(page, report, result):
+    assert "What a single viewpoint loses" in page.text and "Where the residuals come from" in page.text
+    for loss in result.stand_in.loss_px.values():
+        assert f"{loss:.2g} px" in page.text
+    assert f"{report.budget.corner_noise_px:.3f}" in page.text
+    shares = [float(style.split(":")[1]) for style in page.values("style") if style.startswith("--share")]
+    assert len(shares) == 2 * (5 + len(result.stand_in.loss_px)) and max(shares) == 1
+
+
+def test_of_many_residuals_some_are_drawn_the_largest_among_them(report, monkeypatch):
+    monkeypatch.setattr(residuals, "_MOST_DRAWN", 100)
+    monkeypatch.setattr(residuals, "_LARGEST", 10)
+    size = np.linalg.norm(report.residuals.error, axis=1)
+    drawn = residuals._drawn(size)
+    assert len(drawn) == len(set(drawn.tolist())) == 100
+    assert set(np.argsort(size)[-10:].tolist()) <= set(drawn.tolist())
+    assert f"100 of {len(size)} residuals" in report_html([report])
 
 
 def test_nothing_of_a_figure_is_cut_off(report, monkeypatch):

@@ -129,7 +129,7 @@ def _count_bar(mesh: ScalarMappable, axes: Axes, pad: float = BAR["pad"]) -> Non
     bar.set_label("points")
     bar.outline.set_visible(False)
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    bar.ax.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+    bar.minorticks_off()
 
 
 def _one_color(color: str) -> ListedColormap:

@@ -82,11 +82,3 @@ def draw_stand_in(axes: Axes, stand_in: StandInLoss) -> None:
     axes.xaxis.set_major_formatter(plain)
     axes.yaxis.set_major_formatter(plain)
     axes.set(xlabel="distance, m", ylabel="RMS lost over the image, px")
-
-
-def stand_in_figure(stand_in: StandInLoss, identity: str) -> str | None:
-    """None where it loses nothing."""
-    loss = np.array(list(stand_in.loss_px.values()))
-    if not np.isfinite(loss).any() or np.nanmax(loss) < _LEAST_LOSS:
-        return None
-    return svg(lambda figure: draw_stand_in(figure.add_subplot(), stand_in), identity)

@@ -13,21 +13,40 @@ from fisheye_ep_calib.report.figures.style import ACCENT, INK, SECOND, SERIES, i
 from fisheye_ep_calib.report.magnification import magnification
 
 _CELLS = 16  # along the longer side of the image
+_MOST_DRAWN = 4000  # residuals: more hide one another
+_LARGEST = 200  # of them in any case
 _LEAST_POINTS = 4  # in a cell or a bin whose mean is shown
 _BINS = 14
+
+
+def drawn_residuals(residuals: Residuals) -> str:
+    """Which residuals are drawn one by one."""
+    count = len(residuals.error)
+    return "every residual" if count <= _MOST_DRAWN else f"{_MOST_DRAWN} of {count} residuals, the largest among them"
+
+
+def _drawn(size: np.ndarray) -> np.ndarray:
+    """Which (k,) of residuals of a size (M,) are drawn: all, or a random part with the largest in it."""
+    if len(size) <= _MOST_DRAWN:
+        return np.arange(len(size))
+    rank = np.random.default_rng(0).random(len(size))
+    rank[np.argpartition(size, -_LARGEST)[-_LARGEST:]] = -1.0
+    drawn: np.ndarray = np.sort(np.argpartition(rank, _MOST_DRAWN)[:_MOST_DRAWN])
+    return drawn
 
 
 def draw_residual_vectors(
     axes: Axes, residuals: Residuals, rejected: tuple[Rejected, ...], size: tuple[int, int]
 ) -> tuple[float, float]:
-    """Every residual as a faint vector, the mean of each cell as a strong one; returns both magnifications."""
+    """Residuals as faint vectors, the mean of each cell as a strong one; returns both magnifications."""
     longer = max(size)
     length = np.linalg.norm(residuals.error, axis=-1)
     factor = magnification(length, longer / 40)
     middle, mean = _cell_means(residuals, longer / _CELLS)
     mean_factor = magnification(np.linalg.norm(mean, axis=-1), longer / 22) if len(mean) else 1.0
-    ends = residuals.pixels + factor * residuals.error
-    lines = np.stack([residuals.pixels, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2)
+    starts, errors = (each[_drawn(length)] for each in (residuals.pixels, residuals.error))
+    ends = starts + factor * errors
+    lines = np.stack([starts, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2)
     axes.plot(*lines.T, color=ACCENT, lw=0.6, alpha=0.8, rasterized=True)
     if len(mean):
         axes.quiver(
@@ -76,9 +95,9 @@ def draw_residuals_by_angle(axes: Axes, residuals: Residuals) -> None:
     along = residuals.azimuth
     radial = residuals.error[:, 0] * np.cos(along) + residuals.error[:, 1] * np.sin(along)
     tangential = -residuals.error[:, 0] * np.sin(along) + residuals.error[:, 1] * np.cos(along)
-    degrees = np.degrees(residuals.theta)
+    degrees, shown = np.degrees(residuals.theta), _drawn(np.abs(radial))
     axes.axhline(0, color=INK, lw=0.7)
-    axes.plot(degrees, radial, ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
+    axes.plot(degrees[shown], radial[shown], ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
     edges = np.linspace(0, degrees.max() * (1 + 1e-9), _BINS + 1)
     _binned_mean(axes, degrees, radial, edges, SECOND, "mean, radial")
     _binned_mean(axes, degrees, tangential, edges, SERIES[2], "mean, tangential")
@@ -95,7 +114,8 @@ def draw_residuals_by_distance(axes: Axes, residuals: Residuals) -> None:
     """Lengths against distance, with their RMS."""
     length = np.linalg.norm(residuals.error, axis=-1)
     distance = residuals.distance
-    axes.plot(distance, length, ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
+    shown = _drawn(length)
+    axes.plot(distance[shown], length[shown], ".", ms=2.2, color=ACCENT, alpha=0.5, mew=0, rasterized=True)
     wide = distance.max() > 4 * distance.min()
     space = np.geomspace if wide else np.linspace
     edges = space(distance.min() * (1 - 1e-9), distance.max() * (1 + 1e-9) + 1e-12, _BINS + 1)

@@ -58,7 +58,7 @@ _SETTINGS: dict[Any, Any] = {  # matplotlib has a type for its settings from 3.1
     "lines.linewidth": 1.6,
     "patch.linewidth": 0.0,
 }
-_DPI = 200  # of what is drawn as pixels within the SVG
+_DPI = 160  # of what is drawn as pixels within the SVG
 INK, FAINT, PAPER = _INK, _FAINT, _PAPER
 
 
@@ -90,7 +90,7 @@ def svg(
 
     Margins are fixed: a layout that fits itself draws everything twice.
     """
-    with matplotlib.rc_context({**_SETTINGS, "svg.hashsalt": identity}), _without_collection():
+    with matplotlib.rc_context({**_SETTINGS, "svg.hashsalt": identity}), without_collection():
         figure = Figure(figsize=size)
         FigureCanvasSVG(figure)
         figure.subplots_adjust(
@@ -106,7 +106,7 @@ def svg(
 
 
 @contextlib.contextmanager
-def _without_collection() -> Iterator[None]:
+def without_collection() -> Iterator[None]:
     """A figure's thousands of artists refer to each other, and all of them live until it is drawn."""
     was_on = gc.isenabled()
     gc.disable()

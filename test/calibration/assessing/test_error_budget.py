@@ -15,7 +15,7 @@ from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
 from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
-from fisheye_ep_calib.report.figures.budget import budget_figure
+from fisheye_ep_calib.report.panels import budget_bars
 
 NOTHING = {"wave": 0.0, "rough": 0.0, "flex": 0.0, "in_plane": 0.0, "turn": 0.0, "shift": 0.0, "noise": 0.0}
 MIXTURES = {
@@ -80,8 +80,9 @@ def test_what_would_help_most() -> None:
     assert "shutter" in advice(view_px=0.3, rolling=True)
 
 
-def test_its_figure_has_a_bar_for_every_source() -> None:
+def test_the_page_has_a_bar_for_every_source() -> None:
     shares = {"corner_noise_px": 0.14, "board_px": 0.38, "board_rough_px": 0.17, "lens_px": 0.07, "view_px": 0.12}
-    drawn = budget_figure(ErrorBudget(**shares), "budget")
-    for told in ("corner noise", "board, its shape", "board, single points", "lens", "from view to view", "0.380"):
-        assert told in drawn
+    bars = {bar.label: bar for bar in budget_bars(ErrorBudget(**shares))}
+    assert list(bars) == ["corner noise", "board, its shape", "board, single points", "lens", "from view to view"]
+    assert bars["board, its shape"].text == "0.380" and bars["board, its shape"].share == 1
+    assert bars["corner noise"].share == pytest.approx(0.14 / 0.38)
