@@ -6,8 +6,9 @@ import asyncio
 import json
 import logging
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -26,6 +27,7 @@ _HEARTBEATS = 100  # looks after which the page is told all the same
 _SHOWN_SECONDS = 0.15  # after which a picture that no other has followed is sent again
 _MOST_LOOKING = 16  # streams at a time
 _MOST_ACTING = 4  # buttons pressed at a time
+_MOST_CONNECTIONS = 64  # that look at nothing: more would take the node's files, of which it has some thousand
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
 _POLICY += "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 _REPORT_POLICY = "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
@@ -50,7 +52,9 @@ async def serve(
     runner = web.AppRunner(application.app, access_log=None, shutdown_timeout=0.1)
     await runner.setup()
     await web.SockSite(runner, listening).start()
+    crowd = asyncio.create_task(application.turn_away_the_crowd(runner))
     await asyncio.get_running_loop().sock_recv(stopped, 1)
+    crowd.cancel()
     application.end()
     await runner.cleanup()
 
@@ -62,7 +66,7 @@ class Application:
         self._content = content
         self._pictures = pictures
         self._access = access
-        self._looking = 0
+        self._looking: set[object] = set()  # connections
         self._acting = ThreadPoolExecutor(_MOST_ACTING, "page action")
         self.app = web.Application(middlewares=[self._guarded], client_max_size=4096)
         for path, name in _STATIC_FILES.items():
@@ -104,7 +108,7 @@ class Application:
     async def _events(self, request: web.Request) -> web.StreamResponse:
         """Server-sent events: a snapshot whenever something has changed."""
         response = web.StreamResponse(headers={**_HEADERS, "Content-Type": "text/event-stream"})
-        with _Looking(self):
+        with self._look(request):
             await response.prepare(request)
             told, quiet = "", 0
             while True:
@@ -124,7 +128,7 @@ class Application:
         response = web.StreamResponse(headers={**_HEADERS, "Content-Type": "multipart/x-mixed-replace; boundary=frame"})
         self._pictures.begin(camera)
         try:
-            with _Looking(self):
+            with self._look(request):
                 await response.prepare(request)
                 await response.write(b"--frame\r\n")
                 number, picture, shown = 0, b"", True
@@ -169,23 +173,25 @@ class Application:
             raise web.HTTPNotFound
         return camera
 
-    def look(self, more: int) -> None:
-        if more > 0 and self._looking >= _MOST_LOOKING:
+    @contextmanager
+    def _look(self, request: web.Request) -> Iterator[None]:
+        """One more who looks, for as long as that takes."""
+        if len(self._looking) >= _MOST_LOOKING:
             raise web.HTTPServiceUnavailable
-        self._looking += more
+        self._looking.add(request.protocol)
+        try:
+            yield
+        finally:
+            self._looking.discard(request.protocol)
 
-
-class _Looking:
-    """Counts those who look for as long as they do."""
-
-    def __init__(self, application: Application) -> None:
-        self._application = application
-
-    def __enter__(self) -> None:
-        self._application.look(1)
-
-    def __exit__(self, *_: object) -> None:
-        self._application.look(-1)
+    async def turn_away_the_crowd(self, runner: web.AppRunner) -> None:
+        """Close what has been connected longest and looks at nothing, where there are too many of it; without end."""
+        while True:
+            await asyncio.sleep(_EVENT_SECONDS)
+            connections = runner.server.connections if runner.server else []
+            idle = [connection for connection in connections if connection not in self._looking]
+            for connection in idle[:-_MOST_CONNECTIONS]:
+                connection.force_close()
 
 
 def _refusal(status: int, reason: str) -> web.Response:

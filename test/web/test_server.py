@@ -177,6 +177,31 @@ def test_a_taken_port_is_passed_over_and_told(live: LiveCalibrator, page: Page, 
         Page(live, WebSettings("no such name.invalid", 0))
 
 
+def test_a_crowd_that_says_nothing_is_turned_away(page: Page) -> None:
+    """Connections are files of the node's: it has others to write. Who looks stays."""
+    looking = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
+    looking.request("GET", "/events", headers={"Host": f"localhost:{page.port}"})
+    events = looking.getresponse()
+    crowd = []
+    for _ in range(200):
+        crowd.append(socket.create_connection(("127.0.0.1", page.port), timeout=10))
+        crowd[-1].sendall(b"GET / HTTP/1.1")
+    first = crowd[0].recv(1)  # waits until it is closed
+    assert first == b"" and page.status("GET", "/") == 200
+    time.sleep(0.5)
+    assert events.readline().startswith(b"data: ")
+    still_there = 0
+    for one in crowd:
+        one.settimeout(0.01)
+        try:
+            still_there += one.recv(1) != b""
+        except TimeoutError:
+            still_there += 1
+        one.close()
+    assert still_there <= 64
+    looking.close()
+
+
 def test_stopping_ends_streams_at_once(live: LiveCalibrator) -> None:
     page = Page(live, WebSettings(port=0))
     links = [socket.create_connection(("127.0.0.1", page.port), timeout=10) for _ in range(5)]
