@@ -105,7 +105,8 @@ class _Reader:
         else:
             node = {}
             while not isinstance(item := next(parsed), events.MappingEndEvent):
-                node[self._key(item, parsed)] = self._node(next(parsed), parsed, depth + 1)
+                key = self._key(item, parsed)  # before its value is read: of an assignment, the right side comes first
+                node[key] = self._node(next(parsed), parsed, depth + 1)
         if event.anchor is not None:
             self._anchors[event.anchor] = node, self._size - before
         return node

@@ -55,6 +55,10 @@ def test_a_date_is_text_and_what_only_looks_like_one_is_refused() -> None:
         assert parse_yaml(f"d: '{slip}'", "file") == {"d": slip}
 
 
+def test_a_key_is_read_before_its_value() -> None:
+    assert parse_yaml("&name x: *name", "a") == {"x": "x"}
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -66,6 +70,8 @@ def test_a_date_is_text_and_what_only_looks_like_one_is_refused() -> None:
         ("n: *b", r"\*b"),
         ("? [1, 2]\n: 3", "a key must be"),
         ("? {a: 1}\n: 3", "a key must be"),
+        ("a: 1\n{}: 3", "a key must be"),
+        ("a: 1\n[]: 3", "a key must be"),
         ("'" + "k" * 500 + "': 1", "a key must be"),
         ("a: 1\n---\nb: 2", "second document"),
         ("[" * 100 + "]" * 100, "within lists"),
