@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.view_changes import BOARD_FLEXES, view_changes
@@ -11,9 +13,10 @@ from fisheye_ep_calib.calibration.estimating.shape_estimate import GATE, lineari
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE
 from fisheye_ep_calib.target.shape.basis import HEIGHT_GROUPS
 from fisheye_ep_calib.target.shape.measured import BoardShape
-from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FLAT, FREE, GROUPS
-from fisheye_ep_calib.target.shape.variances import backward, gains
+from fisheye_ep_calib.target.shape.model import AXIS_GROUP, FLAT, FREE, GROUPS, REVIVED_DEVIATION, ROUGH_GROUPS
+from fisheye_ep_calib.target.shape.variances import backward, gains, most_likely
 
+_ROUGH = [GROUPS.index(name) for name in ROUGH_GROUPS]
 _HEIGHTS = [GROUPS.index(name) for name in HEIGHT_GROUPS]
 
 
@@ -44,13 +47,19 @@ def board_shape(fit: Fit) -> BoardShape:
 
 
 def _is_bent(fit: Fit) -> bool:
-    """Whether a smooth height is left once every group is left out that gains too little."""
+    """Whether a smooth height is left once every smooth group is left out that gains too little.
+
+    What single points are off by has a smooth part too: it stays, or the smooth heights would take its place.
+    """
     variances = fit.problem.shape.variances
     assert variances is not None
     if not variances.deviation[_HEIGHTS].any():
         return False
     linearisation = linearised(fit)
-    kept, _ = backward(linearisation, variances, linearisation(variances), GATE)
+    deviation = variances.deviation.copy()
+    deviation[_ROUGH] = np.maximum(deviation[_ROUGH], REVIVED_DEVIATION)
+    estimate = most_likely(linearisation, replace(variances, deviation=deviation), from_nothing=False)
+    kept, _ = backward(linearisation, *estimate, GATE, _ROUGH)
     return bool(kept.deviation[_HEIGHTS].any()) and _bent_beside_flex(fit)
 
 

@@ -21,7 +21,7 @@ that τ² solves Σ_k (τ² + v_k − (a_k/γ_k)²)/(τ² + v_k)² = 0, or is 0 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cache
 from math import comb
@@ -200,14 +200,18 @@ def gains(variances: Variances, posterior: Posterior) -> np.ndarray:
 
 
 def backward(
-    posterior_of: PosteriorOf, variances: Variances, posterior: Posterior, least_gain: float
+    posterior_of: PosteriorOf,
+    variances: Variances,
+    posterior: Posterior,
+    least_gain: float,
+    staying: Collection[int] = (),
 ) -> tuple[Variances, Posterior]:
     """Groups left out one after the other, the least needed first, while that costs less than least_gain.
 
-    The cost is that of −2 log-likelihood, the other groups' variances most likely again.
+    The cost is that of −2 log-likelihood, the other groups' variances most likely again. staying: groups that are not
+    left out by that; they may still vanish.
     """
-    while (variances.deviation > 0).any():
-        present = np.flatnonzero(variances.deviation > 0).tolist()
+    while present := [group for group in np.flatnonzero(variances.deviation > 0).tolist() if group not in staying]:
         whole = posterior.deviance(variances)
         costs = [_deviance(posterior_of, variances.without(group)) - whole for group in present]
         trial = variances.without(present[int(np.argmin(costs))])
