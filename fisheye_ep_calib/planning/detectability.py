@@ -10,8 +10,7 @@ from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.expected_features import FARTHER, beyond_evidence
 
-LEAST_FEATURE = 5.5  # pixels across: with less, detectors lose points of a sharp image (benchmarks/detectability.py)
-FEATURE_OVER_BLUR = 4.0  # and with less than so many σ of the blur, points of a blurred one
+FEATURE_OVER_BLUR = 4.0  # with less than so many σ of the blur across, detectors lose points of a blurred image
 _LEAST_SLOPE = 0.6  # of r at the rim, of its mean: fisheyes squeeze the rim no more than that (orthographic apart)
 _EDGE_SAMPLES = 10  # a side of the board's outline
 
@@ -25,11 +24,6 @@ class Sight:
 
     lit: np.ndarray
     blur: float = 1.0
-
-    @property
-    def least_feature(self) -> float:
-        """Pixels across that the target's smallest feature needs."""
-        return max(LEAST_FEATURE, FEATURE_OVER_BLUR * self.blur)
 
     def shows(self, pixels: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
         """Whether pixels (..., 2) are inside the image and lit, as are the map's cells beside theirs; NaN is not."""
@@ -46,22 +40,34 @@ EVERYWHERE = Sight(np.ones((1, 1), dtype=bool))
 
 @dataclass(frozen=True)
 class Board:
-    """What of a target decides whether it can be seen: points and outline (n, 3), metres, and its smallest feature."""
+    """What of a target decides whether it can be seen.
+
+    points (n, 3): metres. outline (k, 3): the white board's edge, for people. needed (k, 3): the edge of what a
+    detector must see to find all points. feature: metres across; least_px: pixels that it needs in a sharp image.
+    """
 
     points: np.ndarray
     outline: np.ndarray
+    needed: np.ndarray
     feature: float
+    least_px: float
 
     @staticmethod
     def of(target: Target) -> Board:
-        """The outline is that of the white board."""
-        artwork = target.artwork()
-        (left, top), (right, bottom) = artwork.low, artwork.high
-        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
-        part = np.linspace(0, 1, _EDGE_SAMPLES, endpoint=False)[:, None]
-        edge = np.concatenate([a + part * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)])
-        depth = np.full((len(edge), 1), target.object_points[:, 2].mean())
-        return Board(target.object_points, np.hstack([edge, depth]), target.smallest_feature)
+        """Needed is half a pitch about the points, or a whole disc: with half a pitch, detectors find all of them
+        (benchmarks/detectability.py).
+        """
+        artwork, points = target.artwork(), target.object_points
+        low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+        margin = max(0.5 * float(np.sqrt(np.prod(high - low) / len(points))), 1.2 * (target.disc_radius or 0.0))
+        depth = float(points[:, 2].mean())
+        outline = _edge(artwork.low, artwork.high, depth)
+        needed = _edge(low - margin, high + margin, depth)
+        return Board(points, outline, needed, target.smallest_feature, target.least_feature_px)
+
+    def least_feature(self, sight: Sight) -> float:
+        """Pixels across that the smallest feature needs."""
+        return max(self.least_px, FEATURE_OVER_BLUR * sight.blur)
 
     @property
     def ends(self) -> np.ndarray:
@@ -76,17 +82,26 @@ class Board:
         return 0.5 * float(np.linalg.norm(np.ptp(self.outline, axis=0)))
 
 
+def _edge(low: np.ndarray, high: np.ndarray, depth: float) -> np.ndarray:
+    """Points (k, 3) around a rectangle, at a depth."""
+    (left, top), (right, bottom) = low, high
+    corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
+    part = np.linspace(0, 1, _EDGE_SAMPLES, endpoint=False)[:, None]
+    edge = np.concatenate([a + part * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)])
+    return np.hstack([edge, np.full((len(edge), 1), depth)])
+
+
 def detectable(camera: FisheyeCamera, board: Board, poses: np.ndarray, sight: Sight) -> np.ndarray:
     """bool (F,): whether the detector could find the board at poses (F, 4, 4) of it before the camera.
 
-    All of its outline must be seen, and its smallest feature be large enough wherever it lies on the board: its length
-    times the smaller singular value of d pixel / d (x, y) on the board. Little beyond its evidence a camera is no
-    longer believed: what it says there of where a point appears may be anything. Where all points lie nearly within the
-    evidence, the blank border may reach farther out: with a wide one the evidence would never grow else.
+    All that is needed of it must be seen, and its smallest feature be large enough wherever it lies on the board: its
+    length times the smaller singular value of d pixel / d (x, y) on the board. Little beyond its evidence a camera is
+    no longer believed: what it says there of where a point appears may be anything. Where all points lie nearly within
+    the evidence, what is needed about them may reach farther out: the evidence would never grow else.
     """
     known = beyond_evidence(camera)
     at_ends = board.ends @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
-    in_camera = board.outline @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
+    in_camera = board.needed @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
     nearly = replace(camera, theta_max=min(camera.theta_max + 0.5 * FARTHER, np.pi))
     believed = nearly.project(at_ends)[1].all(axis=-1) | known.project(in_camera)[1].all(axis=-1)
     camera = beyond_evidence(known)
@@ -94,7 +109,7 @@ def detectable(camera: FisheyeCamera, board: Board, poses: np.ndarray, sight: Si
     visible = (valid & sight.shows(pixels, camera.image_size)).all(axis=-1)
     plane = np.nan_to_num(d_point @ poses[:, None, :3, :2])
     smallest = np.linalg.svd(plane, compute_uv=False)[..., 1].min(axis=-1)
-    result: np.ndarray = believed & visible & (board.feature * smallest >= sight.least_feature)
+    result: np.ndarray = believed & visible & (board.feature * smallest >= board.least_feature(sight))
     return result
 
 

@@ -14,13 +14,13 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.coverage import SECTOR_NAMES, sector_of
 from fisheye_ep_calib.camera import FisheyeCamera
-from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight, detectable
+from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight, detectable, light_ends
 from fisheye_ep_calib.planning.field import Field
 from fisheye_ep_calib.planning.view_information import variance_reduction, view_information
 from fisheye_ep_calib.rotation import placed, rotation_from_vector
 from fisheye_ep_calib.target.shape.frame import board_middle
 
-_DIRECTIONS = np.radians([0.0, 20.0, 35.0, 50.0, 60.0, 70.0, 78.0, 86.0])
+_DIRECTIONS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.72, 0.84, 0.95])  # of the angle at which the image ends
 _AZIMUTHS = 8
 _TILTS = np.radians([0.0, 25.0, 45.0])
 _TILT_AZIMUTHS = 4
@@ -31,6 +31,7 @@ _TURNS = 3  # of so many views one is chosen for what it covers alone, while som
 _FIELD = 0.2  # share of the variances that covering a ring of the field, or doubling the depth at the rim, is worth
 _PLAIN = {"upper": "top", "lower": "bottom"}
 _SAME_ANGLE, _SAME_DISTANCE = np.radians(15.0), 1.3  # within which a pose is one that was tried
+_SAME_TILT = np.radians(20.0)  # within which one there is another view of the same
 
 
 @dataclass(frozen=True)
@@ -81,31 +82,33 @@ class Suggestion:
 
     def like(self, other: Suggestion) -> bool:
         """Whether the two are nearly the same place and distance."""
-        directions = [
-            np.array(
-                [
-                    np.sin(suggestion.theta) * np.cos(suggestion.azimuth),
-                    np.sin(suggestion.theta) * np.sin(suggestion.azimuth),
-                    np.cos(suggestion.theta),
-                ]
-            )
-            for suggestion in (self, other)
-        ]
-        angle = np.arccos(np.clip(directions[0] @ directions[1], -1, 1))
-        nearer, farther = sorted((self.distance, other.distance))
-        return bool(angle < _SAME_ANGLE and farther < _SAME_DISTANCE * nearer)
+        return bool(_near(self, np.array([[other.theta, other.azimuth, other.distance]]))[0])
 
 
 class Candidates(NamedTuple):
-    """grid (F, 4) of (θ, azimuth, distance, tilt); poses (F, 4, 4); information (F, P, P) on the camera."""
+    """grid (F, 4) of (θ, azimuth, distance, tilt); poses (F, 4, 4); information (F, P, P) on the camera.
+
+    rim: rad, the incidence angle at which the image, or half of space, ends.
+    """
 
     grid: np.ndarray
     poses: np.ndarray
     information: np.ndarray
+    rim: float
 
     def suggestion(self, number: int, gain: float) -> Suggestion:
         theta, azimuth, distance, tilt = (float(value) for value in self.grid[number])
         return Suggestion(theta, azimuth, distance, tilt, self.poses[number], gain)
+
+    def near(self, suggestion: Suggestion) -> np.ndarray:
+        """Which (F,) are nearly at the place and distance of a suggestion, tilted as may be."""
+        return _near(suggestion, self.grid)
+
+    def alike(self, number: int) -> np.ndarray:
+        """Which (F,) are nearly that one: at its place and distance, and tilted likewise."""
+        normals = self.poses[:, :3, 2]
+        result: np.ndarray = self.near(self.suggestion(number, 0.0)) & (normals @ normals[number] > np.cos(_SAME_TILT))
+        return result
 
 
 def candidates(camera: FisheyeCamera, board: Board, away: bool, sight: Sight = EVERYWHERE) -> Candidates:
@@ -113,12 +116,13 @@ def candidates(camera: FisheyeCamera, board: Board, away: bool, sight: Sight = E
 
     camera: as calibrated so far, with a pupil model. away: whether the board's z axis points away from the camera.
     """
-    distances = _distances(camera, board, sight)
-    grid, poses = candidate_poses(board.points, away, distances)
+    azimuths = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS
+    rim = min(float(light_ends(camera, azimuths, sight).max()), camera.theta_limit, np.pi / 2)
+    grid, poses = candidate_poses(board.points, away, _distances(camera, board, sight), rim * _DIRECTIONS)
     visible = detectable(camera, board, poses, sight)
     grid, poses = grid[visible], poses[visible]
     information = view_information(replace(camera, theta_max=np.pi), few_points(board.points), poses).information
-    return Candidates(grid, poses, information)
+    return Candidates(grid, poses, information, rim)
 
 
 def next_views(
@@ -139,10 +143,10 @@ def next_views(
     so_far = beforehand + view_information(
         replace(camera, theta_max=np.pi), few_points(board.points), camera_from_target
     ).information.sum(axis=0)
-    sought = sought_rows(camera)
+    sought = sought_rows(camera, offered.rim)
     left = np.ones(len(offered.grid), dtype=bool)
-    for number in range(len(left)):
-        left[number] = not any(offered.suggestion(number, 0.0).like(vain) for vain in tried)
+    for vain in tried:
+        left &= ~offered.near(vain)
     chosen: list[Suggestion] = []
     while len(chosen) < count and left.any():
         gain = variance_reduction(offered.information, so_far, sought) / len(sought)
@@ -156,7 +160,7 @@ def next_views(
         chosen.append(offered.suggestion(best, float(share[best])))
         so_far = so_far + offered.information[best]
         field = None if field is None else field.with_view(offered.poses[best])
-        left &= ~np.array([chosen[-1].like(offered.suggestion(number, 0.0)) for number in range(len(left))])
+        left &= ~offered.alike(best)
     return chosen
 
 
@@ -180,15 +184,28 @@ def sigma_against_guided(
     so_far = own.information.sum(axis=0)
     row = np.zeros(len(camera.parameters))
     row[camera.parameter_slice("coefficients")] = camera.pupil_family.basis(np.array(theta), len(camera.coefficients))
-    sought = sought_rows(camera)
+    sought = sought_rows(camera, offered.rim)
     guided = 1e-3 * so_far / max(len(camera_from_target), 1) + beforehand
     so_far = so_far + beforehand
     left = np.ones(len(offered.grid), dtype=bool)
-    for _ in range(min(views, len(left))):
+    for _ in range(views):
+        if not left.any():
+            break
         gain = variance_reduction(offered.information, guided, sought)
         best = int(np.argmax(np.where(left, gain, -np.inf)))
-        guided, left[best] = guided + offered.information[best], False  # the same view again would not be kept
+        guided, left = guided + offered.information[best], left & ~offered.alike(best)  # they would not be kept
     return float(np.sqrt(_variance(so_far, row) / _variance(guided, row)))
+
+
+def _near(suggestion: Suggestion, grid: np.ndarray) -> np.ndarray:
+    """Which of (θ, azimuth, distance, …) (F, 3 or more) are nearly the suggestion's place and distance, bool (F,)."""
+    theta, azimuth, distance = grid.T[:3]
+    cosine = np.cos(theta) * np.cos(suggestion.theta) + np.sin(theta) * np.sin(suggestion.theta) * np.cos(
+        azimuth - suggestion.azimuth
+    )
+    close = np.abs(np.log(distance / suggestion.distance)) < np.log(_SAME_DISTANCE)
+    result: np.ndarray = (cosine > np.cos(_SAME_ANGLE)) & close
+    return result
 
 
 def few_points(points: np.ndarray) -> np.ndarray:
@@ -202,9 +219,9 @@ def faces_away(board: Board, camera_from_target: np.ndarray) -> bool:
     return bool(np.median((camera_from_target[:, :3, 2] * in_camera).sum(axis=-1)) > 0)
 
 
-def sought_rows(camera: FisheyeCamera) -> np.ndarray:
-    """Rows (Q, P): derivatives of E(θ) and of fx r(θ) by the camera's parameters, over the field."""
-    theta = np.linspace(0.3, 1.0, 12) * min(camera.theta_limit, np.pi / 2)
+def sought_rows(camera: FisheyeCamera, rim: float) -> np.ndarray:
+    """Rows (Q, P): derivatives of E(θ) and of fx r(θ) by the camera's parameters, over the field out to the rim."""
+    theta = np.linspace(0.3, 1.0, 12) * rim
     count = len(camera.parameters)
     radial = np.zeros((len(theta), count))
     radial[:, 0] = camera.radius(theta)
@@ -220,7 +237,7 @@ def candidate_poses(
     object_points: np.ndarray,
     away: bool,
     distances: Sequence[float] | np.ndarray,
-    directions: Sequence[float] | np.ndarray = _DIRECTIONS,
+    directions: Sequence[float] | np.ndarray,
     tilts: Sequence[float] | np.ndarray = _TILTS,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Grid (F, 4) of (θ, azimuth, distance, tilt) and poses (F, 4, 4); the side that was shown so far is shown."""
@@ -244,7 +261,7 @@ def candidate_poses(
 def _distances(camera: FisheyeCamera, board: Board, sight: Sight) -> np.ndarray:
     """Where the target may be held, metres: f s / d px across is what its smallest feature s has in the middle."""
     nearest = _NEAREST * board.radius
-    farthest = min(camera.fx * board.feature / sight.least_feature, _FARTHEST * board.radius)
+    farthest = min(camera.fx * board.feature / board.least_feature(sight), _FARTHEST * board.radius)
     return np.geomspace(nearest, max(farthest, 1.2 * nearest), _DISTANCES)
 
 

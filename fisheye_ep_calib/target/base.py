@@ -54,6 +54,7 @@ class Target:
 
     kind = "target"  # the file's ``type``
     y_up = False  # as one looks at the print
+    least_feature_px = 5.5  # across, of ``smallest_feature`` in a sharp image: with less, points are lost
     kalibr_kind = ""  # Kalibr's ``target_type``; empty where Kalibr has no such target
 
     @staticmethod

@@ -19,12 +19,13 @@ from fisheye_ep_calib.planning.first_views import assumed_camera, first_views
 from fisheye_ep_calib.planning.guidance import candidates, faces_away, few_points, next_views
 from fisheye_ep_calib.simulation import look_pose, observe, paper_camera, paper_target, random_poses
 from fisheye_ep_calib.simulation.rendering import Imaging, render
-from fisheye_ep_calib.target import Target, parse_target
+from fisheye_ep_calib.target import Target, load_target, parse_target
 
 TARGETS = {
     "circles": paper_target(),
     "chessboard": parse_target({"type": "chessboard", "columns": 10, "rows": 7, "spacing": 0.012}),
     "aprilgrid": parse_target({"type": "aprilgrid", "columns": 4, "rows": 3, "tag_size": 0.03, "tag_gap": 0.009}),
+    "charuco": load_target("charuco_10x7"),
 }
 
 
@@ -68,7 +69,8 @@ def guided(target: Target, sight: Sight, count: int, seed: int) -> tuple[Fisheye
 def test_the_light_and_the_blur_of_an_image_are_seen() -> None:
     sharp, blurred = (sight_of(TARGETS["chessboard"], blur) for blur in (0.7, 2.0))
     assert abs(sharp.blur - 0.7) < 0.4 and abs(blurred.blur - 2.0) < 0.5
-    assert sharp.least_feature == 5.5 and 6.5 < blurred.least_feature < 10
+    board = Board.of(TARGETS["chessboard"])
+    assert board.least_feature(sharp) == 5.5 and 6.5 < board.least_feature(blurred) < 10
     assert sharp.lit.shape == (LIGHT_CELLS, LIGHT_CELLS)
     assert not sharp.lit[0, 0] and not sharp.lit[-1, -1] and sharp.lit[32, 1:-1].all()
 
@@ -87,6 +89,23 @@ def test_a_board_across_the_edge_of_the_light_too_far_or_behind_is_not_detectabl
     assert not can(0, 0.30, tilt=70)
     assert not can(0, 0.25, where=replace(sight, blur=3.0))
     assert not can(170, 0.12, where=EVERYWHERE)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_only_what_is_about_the_points_must_be_inside_the_image(name: str) -> None:
+    """Not the white border, which can be as wide as it likes: a lens sees less than half of what it could then."""
+    target = TARGETS[name]
+    board = Board.of(target)
+    camera = FisheyeCamera((960, 720), 573.0, 573.0, 479.5, 359.5, radial=(0.0, 0.0, 0.0, 0.0), theta_max=np.pi)
+    poses = random_poses(target, 300, 4, (0.09, 0.2), (10, 50), (0, 30))
+    can = detectable(camera, board, poses, EVERYWHERE)
+    whole = detectable(camera, replace(board, needed=board.outline), poses, EVERYWHERE)
+    assert not (whole & ~can).any()
+    cut = poses[can & ~whole]
+    assert len(cut) >= 5
+    for number, pose in enumerate(cut[:5]):
+        found = target.detector().detect(render(camera, target, pose, imaging(0.7, number)))
+        assert len(found) >= 0.8 * len(target.object_points)
 
 
 def test_coverage_counts_against_the_image_circle_not_against_what_was_shown() -> None:

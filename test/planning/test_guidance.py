@@ -11,6 +11,7 @@ from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
 from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
 from fisheye_ep_calib.calibration.estimating.sightings import prepare
 from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.bands import pupil_sigma
 from fisheye_ep_calib.planning.detectability import EVERYWHERE, Board, Sight
 from fisheye_ep_calib.planning.field import Field
@@ -24,10 +25,33 @@ from fisheye_ep_calib.planning.guidance import (
 )
 from fisheye_ep_calib.planning.view_information import variance_reduction, view_information
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_target, random_poses
+from fisheye_ep_calib.target import Target, load_target, parse_target
 
 NOISE = 0.05
 TARGET = paper_target()
 BOARD = Board.of(TARGET)
+
+
+BOARDS = {
+    "chessboard": load_target("chessboard_9x6"),
+    "charuco": parse_target(
+        {
+            "type": "charuco",
+            "columns": 7,
+            "rows": 5,
+            "spacing": 0.02,
+            "marker_size": 0.015,
+            "dictionary": "DICT_4X4_50",
+        }
+    ),
+    "aprilgrid": load_target("aprilgrid_6x5"),
+}
+
+
+def whole(camera: FisheyeCamera, target: Target, pose: np.ndarray) -> bool:
+    """Whether all points are in the image."""
+    pixels, valid = camera.project(target.object_points @ pose[:3, :3].T + pose[:3, 3])
+    return bool((valid & (pixels > 0).all(axis=-1) & (pixels < np.array(camera.image_size) - 1).all(axis=-1)).all())
 
 
 def fitted(poses: np.ndarray, seed: int, model: str):
@@ -92,7 +116,8 @@ def test_a_suggestion_points_where_it_says():
     assert np.isclose(np.linalg.norm(seen[:3]), suggestion.distance)
     assert np.isclose(np.arctan2(np.hypot(seen[0], seen[1]), seen[2]), suggestion.theta)
     assert suggestion.theta > np.radians(40), "nothing was held beyond 40°: out there is what is missing"
-    assert " of the image (50° off the axis)" in suggestion.sentence and "cm away" in suggestion.sentence
+    assert f" of the image ({np.degrees(suggestion.theta):.0f}° off the axis)" in suggestion.sentence
+    assert f"about {100 * suggestion.distance:.0f} cm away" in suggestion.sentence
     assert 0 < suggestion.gain <= 1
 
 
@@ -124,6 +149,36 @@ def test_a_pose_that_was_tried_in_vain_is_not_asked_for_again():
 def test_a_board_too_fine_to_be_seen_anywhere_gets_no_suggestion():
     fit = fitted(random_poses(TARGET, 5, 1, theta_deg=(0, 40)), 1, "ep_even")
     assert suggested(fit, 3, replace(EVERYWHERE, blur=1e3)) == []
+
+
+@pytest.mark.parametrize("kind", ["circle_grid", "chessboard", "charuco", "aprilgrid"])
+def test_a_narrow_lens_is_known_with_half_as_many_views_too(kind: str) -> None:
+    """By what the views would tell: in 12 of 25, of which the first four are none of guidance's."""
+    camera = FisheyeCamera(
+        image_size=(960, 720),
+        fx=573.0,
+        fy=573.0,
+        cx=483.0,
+        cy=356.0,
+        radial=(0.012, -0.003, 0.0, 0.0),
+        model="ep_even",
+        coefficients=(-5e-4, -1e-4),
+        theta_max=np.radians(61),
+    )
+    target = {**BOARDS, "circle_grid": TARGET}[kind]
+    board, few = Board.of(target), few_points(target.object_points)
+    shown = [pose for pose in random_poses(target, 300, 2, (0.1, 0.3), (0, 46), (5, 50)) if whole(camera, target, pose)]
+    offered = candidates(camera, board, faces_away(board, np.array(shown[:4])))
+    asked = next_views(camera, board, np.array(shown[:4]), offered, 8)
+    row = np.zeros(len(camera.parameters))
+    row[camera.parameter_slice("coefficients")] = camera.pupil_family.basis(np.radians(55.0), 2)
+
+    def sigma(poses: list[np.ndarray]) -> float:
+        known = view_information(replace(camera, theta_max=np.pi), few, np.array(poses)).information.sum(axis=0)
+        return float(np.sqrt(row @ np.linalg.solve(known, row)))
+
+    assert len(shown) >= 25
+    assert sigma([*shown[:4], *(one.camera_from_target for one in asked)]) < sigma(shown[:25])
 
 
 def test_guided_views_know_the_pupil_with_half_as_many():

@@ -37,6 +37,7 @@ class AprilGrid(Target):
     first_tag: int = 0
 
     kind = "aprilgrid"
+    least_feature_px = 4.0
     kalibr_kind = "aprilgrid"
     y_up = True  # Kalibr's frame
 

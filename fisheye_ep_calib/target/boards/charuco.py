@@ -29,6 +29,7 @@ class Charuco(Target):
     legacy: bool
 
     kind = "charuco"
+    least_feature_px = 4.0
 
     @staticmethod
     def from_keys(keys: Keys, name: str) -> Charuco:
