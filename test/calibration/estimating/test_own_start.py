@@ -30,7 +30,7 @@ def assert_recovered(result, camera, noise: float = 0.1) -> None:
     assert np.abs(result.camera.entrance_pupil(theta) - camera.entrance_pupil(theta)).max() < 1e-3
 
 
-@pytest.mark.parametrize(("seed", "edge"), enumerate(EDGES))
+@pytest.mark.parametrize(("seed", "edge"), list(enumerate(EDGES)))
 def test_a_camera_of_any_field_is_found(seed, edge) -> None:
     camera, observations = unknown_scene(seed, edge)
     result = calibrate(observations, "ep_even")
@@ -38,7 +38,7 @@ def test_a_camera_of_any_field_is_found(seed, edge) -> None:
     assert not result.rejected and result.points == len(observations.pixels)
 
 
-@pytest.mark.parametrize(("seed", "edge"), enumerate(EDGES))
+@pytest.mark.parametrize(("seed", "edge"), list(enumerate(EDGES)))
 def test_a_tenth_of_gross_errors_is_named_and_harmless(seed, edge) -> None:
     camera, observations = unknown_scene(seed, edge)
     observations, wrong = with_gross_errors(observations, 0.1, seed)
