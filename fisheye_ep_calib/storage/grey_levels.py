@@ -58,7 +58,9 @@ def to_levels(grey: np.ndarray) -> np.ndarray:
     scene = scene_range(grey)
     top = _KNEE_LEVEL if scene.knee < scene.high else 255.0
     slope = np.float32(top / (scene.knee - scene.low))
-    levels: np.ndarray = (grey.astype(np.float32) - np.float32(scene.low)) * slope
+    levels: np.ndarray = grey.astype(np.float32)  # changed in place: large images have several copies as it is
+    levels -= np.float32(scene.low)
+    levels *= slope
     return levels
 
 
