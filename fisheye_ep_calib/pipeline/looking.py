@@ -120,6 +120,7 @@ class Looking:
         return source_of_run(name, run, self.target, self.recording, self.source, self.target_name, opened)
 
 
+_KEPT_BYTES = 2**26  # of decoded images, here and in every worker, for the second look and the report
 _EXAMPLES = 3  # images in which another board is looked for
 
 LookAgain = Callable[[Sequence[Guide]], dict[str, CameraSource]]
@@ -145,16 +146,19 @@ def looking(source: Source, target: str | PathLike[str] | Target | None, look: L
             if len(folders := recording.folders(topic)) > 1:
                 _log.info("note: %s are taken for one camera, %s", ", ".join(map(str, folders)), topic)
         workers = usable_cores() if look.workers is None else look.workers
-        with Collector(
-            recording,
-            loaded,
-            workers=0 if workers == 1 else workers,
-            strict=look.strict,
-            scheduler=look.scheduler,
-            log=None if log is None else log.path,
-            resume=log is not None and log.resume,
-            on_progress=look.on_progress,
-        ) as collector:
+        with (
+            nullcontext() if look.scheduler else recording.keeping_decoded(_KEPT_BYTES),
+            Collector(
+                recording,
+                loaded,
+                workers=0 if workers == 1 else workers,
+                strict=look.strict,
+                scheduler=look.scheduler,
+                log=None if log is None else log.path,
+                resume=log is not None and log.resume,
+                on_progress=look.on_progress,
+            ) as collector,
+        ):
             with keeping_what_was_found(collector):
                 opened = time.perf_counter() - began
                 yield Looking(

@@ -68,13 +68,15 @@ def camera_yaml(camera: CalibrationResult | FisheyeCamera, name: str, source: st
         "loss_px": {float(key): round(value, 6) for key, value in stand_in.loss_px.items()},
     }
     plain = camera_info_content(plain_camera_info(stand_in.camera), name)
-    return yaml.safe_dump(
+    text: str = yaml.dump(
         {**plain, "entrance_pupil": content},
+        Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper),  # libyaml's, where there is one: a camera file is long
         sort_keys=False,
         default_flow_style=None,
         allow_unicode=True,
         width=1 << 16,
     )
+    return text
 
 
 def _full_camera(camera: FisheyeCamera) -> dict[str, Any]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import heapq
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,31 @@ class ImageTopic:
         return f"{self.name} ({self.count} × {self.type})"
 
 
+class DecodedImages:
+    """Grey images as they were decoded, for who looks at them again: the first ones, up to so many bytes.
+
+    The first, not the last: who goes through more images than fit, in one order, would never meet one of the last.
+    """
+
+    def __init__(self, most_bytes: int = 0) -> None:
+        self.most_bytes = most_bytes
+        self._kept: dict[tuple[str, int], np.ndarray] = {}
+        self._bytes = 0
+
+    def grey(self, topic: str, index: int, decode: Callable[[], np.ndarray]) -> np.ndarray:
+        """The image of that number, which nobody may change."""
+        kept = self._kept.get((topic, index))
+        if kept is not None:
+            return kept
+        image = decode()
+        if self._bytes + image.nbytes <= self.most_bytes:
+            image = image.copy()  # a view may hold a whole chunk of a bag
+            image.flags.writeable = False
+            self._kept[topic, index] = image
+            self._bytes += image.nbytes
+        return image
+
+
 @dataclass(frozen=True)
 class Frame:
     """One image, not read yet. ``index`` counts the topic's images from 0, in the order of time."""
@@ -44,14 +70,18 @@ class Frame:
     name: str
     _source: Source = field(repr=False, compare=False)
     _entry: Entry = field(repr=False, compare=False)
+    _decoded: DecodedImages = field(repr=False, compare=False, default_factory=DecodedImages)
 
     def image(self) -> np.ndarray:
         """Grey (h, w) uint8, read and decoded now. Raises InputError where this one image is damaged."""
-        return to_eight_bits(self._source.grey(self.topic, self._entry))
+        return to_eight_bits(self._grey())
 
     def levels(self) -> np.ndarray:
         """As ``image`` where that is all there is; of a deeper image the same grey levels, float32, not rounded."""
-        return to_levels(self._source.grey(self.topic, self._entry))
+        return to_levels(self._grey())
+
+    def _grey(self) -> np.ndarray:
+        return self._decoded.grey(self.topic, self.index, lambda: self._source.grey(self.topic, self._entry))
 
     def picture(self) -> Picture:
         """The image with its colours, read and decoded now. Raises InputError where it is damaged."""
@@ -80,6 +110,7 @@ class Recording:
     ) -> None:
         self._sources = tuple(sources)
         self._scratch = scratch
+        self._decoded = DecodedImages()
         self.problems = tuple(problems)
         self.notes = tuple(notes)
         self.topics: dict[str, str] = {}
@@ -105,7 +136,16 @@ class Recording:
             self._scratch.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_scratch": None}
+        return {**self.__dict__, "_scratch": None, "_decoded": DecodedImages(self._decoded.most_bytes)}
+
+    @contextmanager
+    def keeping_decoded(self, most_bytes: int) -> Iterator[None]:
+        """Meanwhile decoded images are kept, up to so many bytes here and in every process that it goes to."""
+        self._decoded = DecodedImages(most_bytes)
+        try:
+            yield
+        finally:
+            self._decoded = DecodedImages()
 
     def image_topics(self) -> tuple[ImageTopic, ...]:
         """The topics that hold images, by name."""
@@ -147,7 +187,7 @@ class Recording:
     def frame(self, topic: str, index: int) -> Frame:
         """The image of that number, counted from 0 in the order of time."""
         source, entry = self._frames[topic][index]
-        return Frame(topic, index, entry.stamp_ns, one_line(source.name(entry)), source, entry)
+        return Frame(topic, index, entry.stamp_ns, one_line(source.name(entry)), source, entry, self._decoded)
 
     def frames(self, topics: Sequence[str] | None = None) -> Iterator[Frame]:
         """Every image of these topics (default: of all), in the order of time; none is read yet."""
