@@ -59,7 +59,7 @@ def _is_bent(fit: Fit) -> bool:
     deviation = variances.deviation.copy()
     deviation[_ROUGH] = np.maximum(deviation[_ROUGH], REVIVED_DEVIATION)
     estimate = most_likely(linearisation, replace(variances, deviation=deviation), from_nothing=False)
-    kept, _ = backward(linearisation, *estimate, GATE, _ROUGH)
+    kept, _ = backward(linearisation, *estimate, GATE, _ROUGH, linearisation.likelihood)
     return bool(kept.deviation[_HEIGHTS].any()) and _bent_beside_flex(fit)
 
 

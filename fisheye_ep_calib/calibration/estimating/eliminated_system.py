@@ -28,6 +28,21 @@ class Eliminated:
     reduced: np.ndarray
     right: np.ndarray
 
+    def without_smooth(self, kept: np.ndarray) -> Eliminated:
+        """With some of the smooth unknowns (S,) bool alone, as if there had never been the others."""
+        if kept.all():
+            return self
+        place = self.places["smooth"][1]
+        own = np.concatenate([np.arange(place.start), place.start + np.flatnonzero(kept)])
+        own = np.concatenate([own, np.arange(place.stop, len(self.right))])
+        gone = len(kept) - int(kept.sum())
+        places = {
+            name: (is_dense, _moved(each, place, gone) if is_dense else each)
+            for name, (is_dense, each) in self.places.items()
+        }
+        reduced, half = self.reduced[np.ix_(own, own)], self.half[..., own]
+        return Eliminated(places, self.block_factor, half, self.half_gradient, reduced, self.right[own])
+
     def factored(self, penalties: dict[str, np.ndarray]) -> Factored:
         """With what is added to the diagonal of the dense unknowns, by kind.
 
@@ -50,6 +65,13 @@ class Eliminated:
         return Factored(
             self.places, self.block_factor, self.half, self.half_gradient, reduced, scale, scale * self.right
         )
+
+
+def _moved(place: slice, shortened: slice, gone: int) -> slice:
+    """Where unknowns are once another place, or this one, has lost some."""
+    if place.start >= shortened.stop and place != shortened:
+        return slice(place.start - gone, place.stop - gone)
+    return slice(place.start, place.stop - gone) if place == shortened else place
 
 
 @dataclass(frozen=True)

@@ -87,13 +87,13 @@ def _variances(
         # What was left out there is given another chance.
         start = replace(near, deviation=np.maximum(near.deviation, REVIVED_DEVIATION))
         estimate = most_likely(linearisation, start, from_nothing=False)
-    gain = gain_over_none(linearisation, *estimate)
+    gain = gain_over_none(linearisation.likelihood, *estimate)
     if gain < GATE:
         return none(estimate[0]), linearisation(none(estimate[0]))
     # Many groups together gain by chance what none of them would: then each must prove itself.
     groups = len(np.unique(problem.shape.group)) + len(ROUGH_GROUPS)
     if len(sightings.images) < _FEW_VIEWS or gain < chance_gain(groups, _FALSE):
-        estimate = backward(linearisation, *estimate, GATE)
+        estimate = backward(linearisation, *estimate, GATE, likelihood_of=linearisation.likelihood)
     return estimate
 
 

@@ -1,17 +1,35 @@
 """What one linearisation of the adjustment says of a target's shape under any variances (target/shape/variances.py).
 
-The poses are eliminated once for all variances; where the points are (shape_equations.py), for each variances anew.
+What is eliminated first (shape_equations.py) is kept: poses serve all variances, points those of the same penalties.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
-from fisheye_ep_calib.calibration.estimating.shape_equations import ShapeEquations, block_system
+from fisheye_ep_calib.calibration.estimating.eliminated_system import Eliminated, Factored
+from fisheye_ep_calib.calibration.estimating.shape_equations import block_system
 from fisheye_ep_calib.target.shape.model import AXIS_GROUP
-from fisheye_ep_calib.target.shape.variances import Posterior, Variances
+from fisheye_ep_calib.target.shape.variances import Likelihood, Posterior, Variances
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What was eliminated last. used (G,): the groups that are there. kind, penalty: of the unknowns in blocks."""
+
+    used: np.ndarray
+    kind: str
+    penalty: np.ndarray
+    eliminated: Eliminated
+
+    def serves(self, used: np.ndarray, penalty: np.ndarray) -> bool:
+        """Whether it holds what is asked for, under the same penalty."""
+        points = np.array_equal(used[AXIS_GROUP], self.used[AXIS_GROUP])
+        return points and not (used & ~self.used).any() and np.array_equal(penalty, self.penalty)
 
 
 class Linearisation:
@@ -24,7 +42,7 @@ class Linearisation:
         points = len(problem.shape.nominal) if problem.shape.rough_size else 0
         self._unknown_group = np.concatenate([self._group, np.tile(AXIS_GROUP, points)])
         self._freedom = 2 * point_count - 6 * problem.view_count - problem.shared_size
-        self._systems: dict[bytes, tuple[np.ndarray, np.ndarray, float, float]] = {}
+        self._kept: _Kept | None = None
 
     @property
     def valid(self) -> bool:
@@ -32,20 +50,58 @@ class Linearisation:
 
     def __call__(self, variances: Variances) -> Posterior:
         """The shape's posterior. Raises numpy.linalg.LinAlgError where the sightings leave something open."""
-        shape, equations = self._equations.shape, self._equations
+        solution, likelihood = self._solved(variances)
+        value, variance = (
+            np.concatenate([of_kind["smooth"], of_kind["rough"]]) for of_kind in (solution.step, solution.variance)
+        )
+        return Posterior(
+            likelihood.group,
+            likelihood.objective,
+            likelihood.log_determinant,
+            likelihood.freedom,
+            value,
+            variance,
+        )
+
+    def likelihood(self, variances: Variances) -> Likelihood:
+        """That of the posterior, at less than half of its cost. Raises numpy.linalg.LinAlgError like it."""
+        return self._solved(variances)[1]
+
+    def _solved(self, variances: Variances) -> tuple[Factored, Likelihood]:
+        used, of_group = variances.deviation > 0, np.append(variances.penalties, 0.0)
+        smooth = self._group[used[self._group]]
+        rough = self._unknown_group[len(self._group) :]
+        rough = rough[used[rough]]
+        groups = {
+            "pose": np.full(self._equations.pose.shape[0] * self._equations.view_size, -1),
+            "camera": np.full(len(self._equations.shared), -1),
+            "smooth": smooth,
+            "rough": rough,
+        }
+        penalties = {kind: of_group[group] for kind, group in groups.items()}
+        solution = self._eliminated(used, penalties).factored(penalties)
+        group = np.concatenate([smooth, rough])
+        objective = 2 * self._equations.cost - solution.decrease
+        return solution, Likelihood(group, objective, solution.log_determinant, self._freedom)
+
+    def _eliminated(self, used: np.ndarray, penalties: dict[str, np.ndarray]) -> Eliminated:
+        """Without the unknowns in blocks. It is kept: other variances may differ in the rest, or have less of it."""
+        shape, equations, kept = self._equations.shape, self._equations, self._kept
         assert shape is not None
-        used = variances.deviation > 0
-        kept = used[self._unknown_group]
+        if kept is not None and kept.serves(used, penalties[kept.kind]):
+            return kept.eliminated.without_smooth(used[self._group][kept.used[self._group]])
         chosen = shape.chosen(used[self._group], used[AXIS_GROUP])
-        group = self._unknown_group[kept]
-        penalty = variances.penalties[group]
-        points_first = equations.view_size * len(equations.by_view) < chosen.rough.shape[0] * chosen.rough.shape[-1]
-        if points_first:
-            solved = self._with_points_first(chosen.penalised(penalty, np.zeros_like(penalty)))
-        else:
-            solved = self._with_poses_first(kept, chosen, penalty)
-        value, variance, log_determinant, decrease = solved
-        return Posterior(group, 2 * equations.cost - decrease, log_determinant, self._freedom, value, variance)
+        system = block_system(equations.pose, equations.mixed, equations.shared, chosen)
+        gradient = {
+            "pose": equations.pose_gradient.reshape(-1),
+            "camera": equations.shared_gradient,
+            "smooth": chosen.gradient[: chosen.smooth_size],
+            "rough": chosen.gradient[chosen.smooth_size :],
+        }
+        kind = system.block_kind
+        self._kept = None  # not two at a time: they are large
+        self._kept = _Kept(used, kind, penalties[kind], system.eliminated(gradient, penalties[kind]))
+        return self._kept.eliminated
 
     def shift_variance(self, variances: Variances) -> np.ndarray:
         """Variance (n, 3) of every point's shift in the target frame, in units of σ²: m²/px²."""
@@ -90,65 +146,6 @@ class Linearisation:
                 rows -= axes[..., along] @ solved
                 own = np.einsum("nia,nab,njb->nij", axes[..., along], np.linalg.inv(system.blocks), axes[..., along])
         return rows, own, inverse
-
-    def _with_poses_first(
-        self, kept: np.ndarray, chosen: ShapeEquations, penalty: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Value (K,), diagonal of S (K,), log-determinant and decrease of the objective, dense in camera and shape."""
-        key = kept.tobytes()
-        if key not in self._systems:
-            self._systems = {key: self._without_poses(chosen)}
-        matrix, gradient, log_poses, decrease = self._systems[key]
-        camera = len(matrix) - len(penalty)
-        diagonal = np.arange(camera, len(matrix))
-        matrix = matrix.copy()
-        matrix[diagonal, diagonal] += penalty
-        inverse, log_determinant = inverse_and_log_determinant(matrix)
-        step = -inverse @ gradient
-        return (
-            step[camera:],
-            np.diag(inverse)[camera:],
-            log_poses + log_determinant,
-            decrease - float(step @ gradient),
-        )
-
-    def _without_poses(self, chosen: ShapeEquations) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Matrix and gradient of camera and shape with the poses eliminated, log-determinant and decrease of that."""
-        equations = self._equations
-        system = block_system(equations.pose, equations.mixed, equations.shared, chosen)
-        matrix, solved = system.reduced()
-        own = equations.pose_gradient.reshape(-1)
-        gradient = np.concatenate([equations.shared_gradient, chosen.gradient])
-        gradient -= solved.reshape(len(own), -1).T @ own
-        settled = np.linalg.solve(equations.pose, equations.pose_gradient[..., None]).reshape(-1)
-        return matrix, gradient, float(np.linalg.slogdet(equations.pose)[1].sum()), float(settled @ own)
-
-    def _with_points_first(self, chosen: ShapeEquations) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """The same with the points in blocks and poses, camera and smooth fields dense."""
-        equations, smooth = self._equations, chosen.smooth_size
-        system = block_system(equations.pose, equations.mixed, equations.shared, chosen)
-        reduced, coupled = system.reduced()
-        own = chosen.gradient[smooth:].reshape(system.blocks.shape[:2])
-        dense = np.concatenate(
-            [equations.pose_gradient.reshape(-1), equations.shared_gradient, chosen.gradient[:smooth]]
-        )
-        flat = coupled.reshape(own.size, -1)
-        inverse_blocks = np.linalg.inv(system.blocks)
-        settled = (inverse_blocks @ own[..., None]).reshape(-1)
-        inverse, log_determinant = inverse_and_log_determinant(reduced)
-        right = dense - flat.T @ own.reshape(-1)
-        step = -inverse @ right
-        rough = -(settled + flat @ step)
-        variance = np.einsum("nii->ni", inverse_blocks).reshape(-1) + ((flat @ inverse) * flat).sum(axis=1)
-        log_determinant += float(np.linalg.slogdet(system.blocks)[1].sum())
-        decrease = -float(rough @ own.reshape(-1) + step @ dense)
-        first = len(dense) - smooth
-        return (
-            np.concatenate([step[first:], rough]),
-            np.concatenate([np.diag(inverse)[first:], variance]),
-            log_determinant,
-            decrease,
-        )
 
 
 def inverse_and_log_determinant(matrix: np.ndarray) -> tuple[np.ndarray, float]:

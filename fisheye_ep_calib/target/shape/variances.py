@@ -93,6 +93,7 @@ class Posterior(Likelihood):
 
 
 PosteriorOf = Callable[[Variances], Posterior]
+LikelihoodOf = Callable[[Variances], Likelihood]
 
 
 def most_likely(posterior_of: PosteriorOf, start: Variances, from_nothing: bool = True) -> tuple[Variances, Posterior]:
@@ -160,11 +161,11 @@ def none(variances: Variances) -> Variances:
     return replace(variances, deviation=np.zeros_like(variances.deviation))
 
 
-def gain_over_none(posterior_of: PosteriorOf, variances: Variances, posterior: Posterior) -> float:
+def gain_over_none(likelihood_of: LikelihoodOf, variances: Variances, posterior: Posterior) -> float:
     """By how much −2 log-likelihood falls with these variances, against a target as its file has it."""
     without = none(variances)
-    without = replace(without, noise=posterior_of(without).noise)
-    return posterior_of(without).deviance(without) - posterior.deviance(variances)
+    without = replace(without, noise=likelihood_of(without).noise)
+    return likelihood_of(without).deviance(without) - posterior.deviance(variances)
 
 
 @cache
@@ -205,15 +206,16 @@ def backward(
     posterior: Posterior,
     least_gain: float,
     staying: Collection[int] = (),
+    likelihood_of: LikelihoodOf | None = None,
 ) -> tuple[Variances, Posterior]:
     """Groups left out one after the other, the least needed first, while that costs less than least_gain.
 
     The cost is that of −2 log-likelihood, the other groups' variances most likely again. staying: groups that are not
-    left out by that; they may still vanish.
+    left out by that; they may still vanish. likelihood_of: the posterior's likelihood, where that alone costs less.
     """
     while present := [group for group in np.flatnonzero(variances.deviation > 0).tolist() if group not in staying]:
         whole = posterior.deviance(variances)
-        costs = [_deviance(posterior_of, variances.without(group)) - whole for group in present]
+        costs = [_deviance(likelihood_of or posterior_of, variances.without(group)) - whole for group in present]
         trial = variances.without(present[int(np.argmin(costs))])
         fewer, fewer_posterior = most_likely(posterior_of, trial, from_nothing=False)
         if fewer_posterior.deviance(fewer) - whole >= least_gain:
@@ -222,5 +224,5 @@ def backward(
     return variances, posterior
 
 
-def _deviance(posterior_of: PosteriorOf, variances: Variances) -> float:
-    return posterior_of(variances).deviance(variances)
+def _deviance(likelihood_of: LikelihoodOf, variances: Variances) -> float:
+    return likelihood_of(variances).deviance(variances)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from changing_boards import seen_changing
 
-from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, refine
-from fisheye_ep_calib.calibration.estimating.joint_posterior import JOINT_GROUPS, linearised_jointly
+from fisheye_ep_calib.calibration.estimating.fit import Fit, first_fit, opened, refine
+from fisheye_ep_calib.calibration.estimating.joint_posterior import JOINT_GROUPS, linearised_jointly, seen_points
 from fisheye_ep_calib.calibration.estimating.shape_equations import BlockSystem
-from fisheye_ep_calib.calibration.estimating.sightings import prepare
+from fisheye_ep_calib.calibration.estimating.shape_posterior import Linearisation
+from fisheye_ep_calib.calibration.estimating.sightings import of_images, prepare
 from fisheye_ep_calib.calibration.structure import Structure
 from fisheye_ep_calib.rotation import rotation_from_vector, vector_from_rotation
+from fisheye_ep_calib.target.shape.model import FREE, GROUPS, free_model
 from fisheye_ep_calib.target.shape.variances import Variances
 
 
@@ -33,6 +37,25 @@ def test_what_is_kept_of_other_variances_does_not_show(fit):
         np.testing.assert_array_equal(kept.value, fresh.value)
         np.testing.assert_array_equal(kept.variance, fresh.variance)
         np.testing.assert_array_equal(kept.camera, fresh.camera)
+
+
+@pytest.mark.parametrize("views", [6, None])
+def test_what_was_eliminated_serves_variances_of_fewer_smooth_groups(fit, views):
+    """With few views points are eliminated first, else the views."""
+    sightings = of_images(fit.sightings, fit.sightings.images[::2][:views])
+    sightings = replace(sightings, free=free_model(sightings.target, seen_points(sightings)))
+    opened_up = opened(refine(fit, fit.structure, sightings), Structure("ep_even", board_shape=FREE), sightings)
+    linearisation = Linearisation(*opened_up, sightings.point_count)
+    whole = np.full(len(GROUPS), 1e-4)
+    fewer = whole * ~np.isin(GROUPS, ("z3", "xy1", "xy4"))
+    for deviation in (whole, fewer, whole * (fewer == 0), 2 * fewer, fewer, whole):
+        variances = Variances(deviation, 0.1)
+        kept, fresh = linearisation(variances), Linearisation(*opened_up, sightings.point_count)(variances)
+        assert linearisation.likelihood(variances).deviance(variances) == kept.deviance(variances)
+        assert kept.deviance(variances) == pytest.approx(fresh.deviance(variances), rel=1e-11)
+        np.testing.assert_array_equal(kept.group, fresh.group)
+        np.testing.assert_allclose(kept.value, fresh.value, rtol=1e-8, atol=1e-13)
+        np.testing.assert_allclose(kept.variance, fresh.variance, rtol=1e-9)
 
 
 def test_an_eliminated_system_has_solution_inverse_and_determinant_of_the_whole():
