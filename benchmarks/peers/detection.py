@@ -2,7 +2,8 @@
 
     python benchmarks/peers/detection.py [--targets NAME ...] [--views N] [--data ../shared/data]
 
-Rendered fisheye views of the shipped targets have a known truth; photographs have reference corners that other people's
+Rendered fisheye views of the shipped targets have a known truth; clutter without a target shows what is found of
+nothing, and in what time; photographs have reference corners that other people's
 programs measured. Recall: the share of the truth's points in sight with a point found within 2 px; where the target
 tells which point is which, under its name. Wrong: points found with none of the target's within 2 px, or under the name
 of another. Error: median of the distances, of photographs to the reference. Time is processor time an image of one
@@ -28,7 +29,7 @@ import numpy as np
 from finders import FINDERS, Finder, Found
 
 from fisheye_ep_calib import Observations
-from fisheye_ep_calib.simulation import paper_camera
+from fisheye_ep_calib.simulation import clutter_image, paper_camera
 from fisheye_ep_calib.simulation.evaluation_set import evaluation_set
 from fisheye_ep_calib.target import Target, load_target, parse_target
 
@@ -68,6 +69,15 @@ def rendered(name: str, count: int) -> Case:
     return Case(target, images, [Truth(view.pixels, view.visible) for view in views], True)
 
 
+def clutter(name: str, count: int) -> Case:
+    """Images of the same size in which there is no target: whatever is found is wrong."""
+    camera, target = paper_camera(), load_target(name)
+    images = [clutter_image(number, camera.image_size) for number in range(count)]
+    points = len(target.object_points)
+    nothing = Truth(np.full((points, 2), np.nan), np.zeros(points, dtype=bool))
+    return Case(target, images, [nothing] * count, True)
+
+
 def photographs(folder: Path) -> Case:
     """Images of a folder that have reference points; the references may have missed some."""
     target = parse_target(PHOTOGRAPHS[folder.name])
@@ -97,7 +107,7 @@ def judged(case: Case, found: list[Found]) -> dict[str, float | int]:
     right = np.concatenate(errors)
     return {
         "images": sum(len(points.pixels) > 0 for points in found),
-        "recall": len(right) / total,
+        "recall": len(right) / total if total else float("nan"),
         "wrong": wrong,
         "error": float(np.median(right)) if len(right) else float("nan"),
     }
@@ -118,9 +128,9 @@ def rows(case: Case, limit: float) -> Iterator[list[str]]:
         yield [
             name,
             f"{told['images']} of {len(case.images)}",
-            f"{told['recall']:.4f}",
+            f"{told['recall']:.4f}".replace("nan", "–"),
             str(told["wrong"]) if case.complete else "–",
-            f"{told['error']:.3f}",
+            f"{told['error']:.3f}".replace("nan", "–"),
             f"{1000 * seconds:.0f}",
         ]
 
@@ -148,12 +158,13 @@ def main() -> None:
     cases: dict[str, Callable[[], Case]] = {
         name: lambda name=name: rendered(name, arguments.views) for name in RENDERED
     }
+    cases |= {f"{name}, clutter": lambda name=name: clutter(name, arguments.views // 2) for name in RENDERED}
     if arguments.data.is_dir():
         cases |= {name: lambda name=name: photographs(arguments.data / name) for name in PHOTOGRAPHS}
     else:
         print(f"no photographs: {arguments.data} is not there", file=sys.stderr)
     for name, make in cases.items():
-        if arguments.targets and name not in arguments.targets:
+        if arguments.targets and name.split(",")[0] not in arguments.targets:
             continue
         print(
             f"### {name}\n\n|  | images | recall | wrong | median error, px | ms |\n|---|---|---|---|---|---|",
