@@ -110,7 +110,7 @@ class LiveCalibrator:
         def arguments() -> tuple[Any, ...]:
             outcome = camera.outcome
             lens = None if outcome is None else outcome.camera
-            return frame, camera.views.target, lens, self._overlay(camera)
+            return frame, camera.views.target, lens, self._overlay(camera), camera.other_board.due()
 
         def done(sighting: Sighting | None, error: CalibrationError | None) -> None:
             self._images.offer(name, frame)

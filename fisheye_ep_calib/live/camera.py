@@ -14,6 +14,7 @@ from fisheye_ep_calib.live.check import Check
 from fisheye_ep_calib.live.frame import Sighting
 from fisheye_ep_calib.live.guide import Guide
 from fisheye_ep_calib.live.look import Looks
+from fisheye_ep_calib.live.other_board import OtherBoard
 from fisheye_ep_calib.live.outcome import Outcome, calibrate_views
 from fisheye_ep_calib.live.report_page import report_page
 from fisheye_ep_calib.live.seeing import Seeing
@@ -30,7 +31,7 @@ _FRAMES_A_PLAN = 10  # before the first calibration; the more is seen, the bette
 class LiveCamera(Subject[Outcome]):
     """One camera. views: what it has been shown. seeing: how far and how sharply it sees. guide: what it asks for.
 
-    looks: what became of its frames.
+    looks: what became of its frames. other_board: what is seen while the target is not.
     """
 
     calibrator = staticmethod(calibrate_views)
@@ -54,7 +55,7 @@ class LiveCamera(Subject[Outcome]):
         self.views = views
         self.check = check
         self.camera_file = views.file.with_name(f"{views.name}.yaml")
-        self.seeing, self.guide, self.looks = Seeing(), Guide(), Looks()
+        self.seeing, self.guide, self.looks, self.other_board = Seeing(), Guide(), Looks(), OtherBoard()
         self._model, self._options = model, dict(options or {})
         self._board = Board.of(views.target)
 
@@ -100,6 +101,7 @@ class LiveCamera(Subject[Outcome]):
         forgotten = f"{self.views.forget()} views set aside"
         self.guide.forget()
         self.seeing.forget()
+        self.other_board.forget()
         return forgotten
 
     def report(self) -> Promise:
@@ -126,6 +128,7 @@ class LiveCamera(Subject[Outcome]):
     def searched(self, sighting: Sighting, verdict: Verdict) -> None:
         """A frame was searched: go on to the next pose where this one is reached."""
         self.seeing.take(sighting)
+        self.other_board.take(sighting)
         self.looks.take(sighting, verdict)
         outcome = self.outcome
         due = self.looks.last.number % _FRAMES_A_PLAN == 1

@@ -22,6 +22,7 @@ from fisheye_ep_calib.target.second_look import look_again
 from fisheye_ep_calib.target.sharpness import edge_blur
 
 LIGHT_CELLS = 64
+_OTHERS_PIXELS = 1e6  # of an image in which other boards are looked for
 _LEAST_FOUND_AGAIN = 0.8  # of the points of the first look
 
 
@@ -63,7 +64,8 @@ class Sighting:
     """What was found in one frame: its name, its size (width, height) and the target's features.
 
     pictures: what a person looks at, where that was asked for. light (rows, columns) uint8: the image in a few cells.
-    blur: σ of the edges about the features, pixels; NaN where none were found.
+    blur: σ of the edges about the features, pixels; NaN where none were found. other_board: a sentence on
+    another board that is seen, empty where none is; None where none was looked for.
     """
 
     name: str
@@ -72,14 +74,19 @@ class Sighting:
     pictures: Pictures | None = None
     light: np.ndarray | None = None
     blur: float = float("nan")
+    other_board: str | None = None
 
 
 def detect_in_frame(
-    frame: RawFrame, target: Target, camera: FisheyeCamera | None = None, overlay: OverlayRequest | None = None
+    frame: RawFrame,
+    target: Target,
+    camera: FisheyeCamera | None = None,
+    overlay: OverlayRequest | None = None,
+    others: bool = False,
 ) -> Sighting:
     """Decode a frame and find the target in it, a second time where the camera, if one is known, says that it is.
 
-    The second time it is measured in the frame's own depth.
+    The second time it is measured in the frame's own depth. others: look for another board where it is not found.
 
     Raises InputError for a frame that cannot be decoded.
     """
@@ -91,9 +98,23 @@ def detect_in_frame(
     if camera is not None and camera.image_size == (width, height):
         detection = second_look(detector, to_levels(grey), detection, target, camera)
     pictures = _pictures(image, detection, overlay, target) if overlay else None
-    return Sighting(
-        frame.name, (width, height), detection, pictures, light_of(image), blur_about(image, detection.pixels)
-    )
+    blur, other = blur_about(image, detection.pixels), other_board(image, target, detection) if others else None
+    return Sighting(frame.name, (width, height), detection, pictures, light_of(image), blur, other)
+
+
+def other_board(image: np.ndarray, target: Target, detection: Detection) -> str | None:
+    """A sentence on another board that a grey image shows; empty for none, None where the target itself was found."""
+    from fisheye_ep_calib.target.what_else import what_else  # loads every detector
+
+    reason = detection.reason
+    if len(detection) or reason.startswith("blurred"):  # where all is blurred, squares look like discs
+        return None
+    if " seen" in reason and ("target file" in reason or "not of" in reason):
+        return reason  # the detector knows already
+    scale = min(1.0, np.sqrt(_OTHERS_PIXELS / image.size))  # it takes up to 2 s a megapixel
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    other = what_else(cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1 else image, target)
+    return f"{other} is seen, not the target" if other else ""
 
 
 def _pictures(image: np.ndarray, detection: Detection, request: OverlayRequest, target: Target) -> Pictures:

@@ -84,12 +84,15 @@ def camera_status(camera: LiveCamera, reception: Reception, warnings: list[str],
         "goal_reached": camera.reached(tuning),
         "say": say(camera, tuning),
         "wanted": _wanted(camera),
+        "other_board": camera.other_board.sentence,
         "check": None if camera.check is None or camera.check.result is None else camera.check.result.figures,
         **_event(camera.looks.since_asked()),
         **_standing(camera.unwritten, outcome, warnings),
     }
     if reception.silent:
         return Status(camera.name, Level.STALE, f"no image on {reception.topic}", "start the camera", values)
+    if camera.other_board.sentence:
+        warnings = [*warnings, camera.other_board.sentence]
     if camera.check is not None:
         return _checked(camera, camera.check.result, values, warnings)
     message = f"calibrated ({outcome.figures['model']})" if outcome is not None else "collecting"
@@ -166,6 +169,8 @@ def _level(warnings: list[str], message: str) -> tuple[Level, str]:
 def next_step(camera: LiveCamera, tuning: Tuning) -> str:
     """What would help most, in a sentence or two."""
     views, outcome, wanted = len(camera.views.kept), camera.outcome, camera.guide.wanted
+    if camera.other_board.sentence:
+        return f"{camera.other_board.sentence}: show the target, or start again with another target file"
     pose = "move and tilt the target: near, far and at the edge of the image" if wanted is None else wanted.sentence
     if camera.views.full:
         rest = "save" if outcome is not None and outcome.advice is not None else "call ~/calibrate"
@@ -190,6 +195,8 @@ def next_step(camera: LiveCamera, tuning: Tuning) -> str:
 def say(camera: LiveCamera, tuning: Tuning) -> str:
     """What to do now in as few words as a person two metres away can read."""
     outcome, wanted = camera.outcome, camera.guide.wanted
+    if camera.other_board.sentence:
+        return camera.other_board.sentence
     if camera.check is not None and camera.check.result is not None:
         return camera.check.result.sentence
     if camera.views.full:
