@@ -66,13 +66,15 @@ def diagnose(
     counts = coverage(theta, azimuth, RING_DEGREES, SECTORS)
     in_image = reachable(camera, len(counts), RING_DEGREES, SECTORS)
     view_rms, changes = fit.view_rms, _view_changes(fit)
+    told = changes.told if changes else None
+    explained = changes.explained_px(told, points_by_view(fit)) if changes and told else np.zeros(len(view_rms))
     split = split_near_far(fit, distance)
     findings = [
         _coverage(counts, in_image),
         _depth(theta, distance),
         *([_pupil_against_depth(fit)] if len(camera.coefficients) else []),
         *([near_far(split, near_far_advice(fit, chosen))] if split else []),
-        _worst_view(fit, view_rms, names, changes),
+        _worst_view(fit, view_rms, names, explained, changes.noise_px[told] if changes and told else 0.0),
         *_correlated_residuals(uncertainty(fit).clustering),
         *_copies(len(fit.sightings.images), same_place or {}),
         *_two_cameras(fit, names),
@@ -218,13 +220,17 @@ def _view_changes(fit: Fit) -> ViewChanges | None:
         return None
 
 
-def _worst_view(fit: Fit, view_rms: np.ndarray, names: tuple[str, ...], changes: ViewChanges | None) -> Finding:
-    """The view that is farthest beyond what the middle one has and what changes from view to view explain."""
+def _worst_view(
+    fit: Fit, view_rms: np.ndarray, names: tuple[str, ...], explained: np.ndarray, noise_px: float
+) -> Finding:
+    """The view that is farthest beyond what is usual.
+
+    explained (V,), noise_px: what a change from view to view that is told explains, and the noise beside it; 0 where
+    none is.
+    """
     middle = float(np.median(view_rms))
     limit = np.full(len(view_rms), max(_STANDS_OUT * middle, _AS_GOOD_AS_ANY))
-    if changes and changes.told:
-        beside_noise = changes.explained_px(changes.told, points_by_view(fit))
-        limit = np.maximum(limit, np.hypot(_STANDS_OUT * changes.noise_px[changes.told], beside_noise))
+    limit = np.maximum(limit, np.hypot(_STANDS_OUT * noise_px, explained))
     worst = int(np.argmax(view_rms / limit))
     name = names[int(fit.sightings.images[worst])]
     values = {"rms_px": float(view_rms[worst]), "median_rms_px": middle, "image": float(fit.sightings.images[worst])}

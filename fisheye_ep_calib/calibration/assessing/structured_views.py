@@ -24,7 +24,7 @@ from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE,
 from fisheye_ep_calib.calibration.selecting.nested_tests import f_tail
 
 _SIGNIFICANCE = 0.005  # of the largest F of all views
-_MOST = 1.5  # F that three quarters of the views exceed where most have a pattern
+_MOST = 1.5  # F that three in five of the views exceed where most have a pattern
 _FAR_BEYOND = 20.0  # times the median F, where they have
 _SHARE = 0.5  # of the RMS of the fit: a pattern that is less is not worth a word
 _FEWEST_VIEWS = 4  # of which a median says what is usual
@@ -65,7 +65,7 @@ def structured_views(fit: Fit, names: tuple[str, ...]) -> list[Finding]:
     ]
     chance = np.array(chances) * len(chances)
     stands_out = (chance < _SIGNIFICANCE) & (pattern.moved_px >= _SHARE * fit.rms_px / fit.sightings.usual_weight)
-    if np.quantile(pattern.statistic, 0.25) > _MOST:
+    if np.quantile(pattern.statistic, 0.4) > _MOST:
         stands_out &= pattern.statistic >= _FAR_BEYOND * usual
     worst = int(np.argmax(np.where(stands_out | ~stands_out.any(), pattern.moved_px, -1.0)))
     values = {

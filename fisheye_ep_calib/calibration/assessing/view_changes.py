@@ -22,7 +22,7 @@ from fisheye_ep_calib.target.shape.model import GROUPS
 from fisheye_ep_calib.target.shape.variances import chance_gain
 
 _FALSE = 0.01  # of recordings in which nothing changes, that may be told a change
-_SHARE = 0.1  # of the corner noise, that a change is worth a word
+_SHARE = 0.05  # of the corner noise, that a change is worth a word
 _COEFFICIENTS = 3  # of a view, that do most of what a change does to it
 
 
