@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import zipfile
 from collections.abc import Sequence
 from os import PathLike
@@ -32,9 +33,9 @@ def read_npz(
     """
     shown = one_line(path)
     path = Path(path)
-    if not path.exists():
+    if not os.path.exists(path):  # of a name that no file can have, too
         raise InputError(f"{shown} does not exist")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError(f"{shown} is not a file")
     arrays: dict[str, np.ndarray] = {}
     room = _MOST_BYTES

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.plain_text import one_line, shown
+from fisheye_ep_calib.target.schema import MOST_POINTS
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import FREE
 
@@ -17,10 +18,10 @@ REQUIRED = ("object_points", "unit", "image_index", "point_index", "pixels", "im
 OPTIONAL = ("weights", "image_names", "split", "disc_radius", "board_deviation", "mistakable")
 _MOST_IMAGES = 10**6
 _LONGEST_SIDE = 65535
-_MOST_POINTS = 100_000
 _LONGEST_NAME = 1000
 _LARGEST_LENGTH = 1e4  # metres: no target is that large
 _LARGEST_DEVIATION = 0.2  # of the target's size, that a point may be off its place
+_MANY_PLACES, _LEAST_SEEN = 10**6, 0.25  # images × points; the share of so many that must be sightings
 _LEAST_WEIGHT, _LARGEST_WEIGHT = 1e-6, 1e6  # squares of weights are summed
 
 
@@ -42,11 +43,9 @@ def checked_keys(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
             raise InputError("disc_radius must be one number")
         disc_radius = float(radius.reshape(())) * metres
         _check_lengths("disc_radius", radius * metres)
-    weights = None if "weights" not in arrays else _weights(_real_numbers("weights", arrays["weights"]))
-    if len(arrays["object_points"].reshape(-1)) > 3 * _MOST_POINTS:
-        raise InputError(f"object_points are {len(arrays['object_points'])}; at most {_MOST_POINTS} are read")
+    weights = None if "weights" not in arrays else _real_numbers("weights", arrays["weights"])
     object_points = _real_numbers("object_points", arrays["object_points"]) * metres
-    _check_lengths("object_points", object_points)
+    check_points(object_points)
     return {
         "object_points": object_points,
         "image_index": image_index,
@@ -74,6 +73,22 @@ def _board(deviation: np.ndarray | None, object_points: np.ndarray, metres: floa
     return BoardShape(FREE, object_points, rows)
 
 
+def check_points(object_points: np.ndarray) -> None:
+    """Raises InputError where there are too many points, or one is farther off than any target is large."""
+    if object_points.size > 3 * MOST_POINTS:
+        raise InputError(f"object_points are {len(object_points)}; at most {MOST_POINTS} are read")
+    _check_lengths("object_points", object_points)
+
+
+def check_density(images: int, points: int, sightings: int) -> None:
+    """Raises InputError where most points are in no image: memory and time go with images × points."""
+    places = images * points
+    if places > _MANY_PLACES and sightings < _LEAST_SEEN * places:
+        raise InputError(
+            f"{images} images show {sightings / images:.3g} of {points} points each: leave out points that none shows"
+        )
+
+
 def _check_lengths(name: str, values: np.ndarray) -> None:
     """Of what is not finite something else is said."""
     largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
@@ -81,13 +96,24 @@ def _check_lengths(name: str, values: np.ndarray) -> None:
         raise InputError(f"{name} reaches {largest:.3g} m; at most {_LARGEST_LENGTH:g} m are read: is unit right?")
 
 
-def _weights(values: np.ndarray) -> np.ndarray:
+def check_weights(values: np.ndarray) -> None:
+    """Raises InputError where a weight is so large or small that the sum of their squares says nothing."""
     beyond = values[(values > _LARGEST_WEIGHT) | ((values > 0) & (values < _LEAST_WEIGHT))]
     if len(beyond.reshape(-1)) and np.isfinite(beyond).all():
         raise InputError(
             f"weights has {beyond.reshape(-1)[0]:.3g}: give 0, or from {_LEAST_WEIGHT:g} to {_LARGEST_WEIGHT:g}"
         )
-    return values
+
+
+def real_numbers(name: str, values: npt.ArrayLike) -> np.ndarray:
+    """A copy of the values, float, of their shape. Raises InputError."""
+    try:
+        numbers = np.array(values)
+        if numbers.dtype.kind not in "c":
+            return numbers.astype(float)
+    except (TypeError, ValueError):
+        pass
+    raise InputError(f"{name} must hold real numbers")
 
 
 def whole_numbers(name: str, values: npt.ArrayLike) -> np.ndarray:

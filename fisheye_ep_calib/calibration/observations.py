@@ -9,7 +9,16 @@ from os import PathLike
 import numpy as np
 import numpy.typing as npt
 
-from fisheye_ep_calib.calibration.observation_keys import OPTIONAL, REQUIRED, checked_keys, whole_numbers
+from fisheye_ep_calib.calibration.observation_keys import (
+    OPTIONAL,
+    REQUIRED,
+    check_density,
+    check_points,
+    check_weights,
+    checked_keys,
+    real_numbers,
+    whole_numbers,
+)
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.npz_file import read_npz
 from fisheye_ep_calib.target.shape.measured import BoardShape
@@ -61,17 +70,19 @@ class Observations:
     ) -> Observations:
         """Validate, sort by image and fill in what is optional. Raises InputError."""
         # To the picometre, so that lengths given in mm and in m are the same numbers.
-        object_points = np.round(np.array(object_points, dtype=float), 12)
+        object_points = np.round(real_numbers("object_points", object_points), 12)
         image_index = whole_numbers("image_index", image_index).reshape(-1)
         point_index = whole_numbers("point_index", point_index).reshape(-1)
-        pixels = np.array(pixels, dtype=float)
+        pixels = real_numbers("pixels", pixels)
         _check_shapes(object_points, image_index, point_index, pixels)
         size = _checked_size(image_size)
         _check_inside(pixels, image_index, size)
+        check_density(len(np.unique(image_index)), len(object_points), len(pixels))
         pair = image_index * len(object_points) + point_index
         if len(np.unique(pair)) != len(pair):
             raise InputError("an image lists the same point twice")
-        weights = np.ones(len(pixels)) if weights is None else np.array(weights, dtype=float).reshape(-1)
+        weights = np.ones(len(pixels)) if weights is None else real_numbers("weights", weights).reshape(-1)
+        check_weights(weights)
         if weights.shape != (len(pixels),) or not np.isfinite(weights).all() or (weights < 0).any():
             raise InputError("weights must be finite, not negative, one an observation")
         image_names = _checked_names(image_names, int(image_index.max()) + 1)
@@ -137,6 +148,7 @@ def _check_shapes(
     count = len(image_index)
     if object_points.ndim != 2 or object_points.shape[1] != 3 or not np.isfinite(object_points).all():
         raise InputError("object_points must be finite and of shape (n, 3)")
+    check_points(object_points)
     if pixels.shape != (count, 2) or point_index.shape != (count,):
         raise InputError("image_index, point_index and pixels must have one row an observation")
     if count == 0:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.plain_text import shown
+from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.boards.aprilgrid import AprilGrid
 from fisheye_ep_calib.target.boards.charuco import Charuco
@@ -38,11 +39,11 @@ def load_target(path: str | PathLike[str] | Target) -> Target:
     if isinstance(path, Target):
         return path
     path = find_target_file(Path(path).expanduser())
-    if not path.exists():
+    if not os.path.exists(path):  # of a name that no file can have, too
         raise InputError(
-            f"cannot read target file {path}: it is not there; shipped, by name: {', '.join(shipped_files())}"
+            f"cannot read target file {one_line(path)}: it is not there; shipped, by name: {', '.join(shipped_files())}"
         )
-    return parse_target(read_yaml(path, "target"), str(path), path.stem)
+    return parse_target(read_yaml(path, "target"), one_line(path), path.stem)
 
 
 def load_shape(path: str | PathLike[str]) -> BoardShape:

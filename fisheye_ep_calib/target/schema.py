@@ -12,7 +12,7 @@ from fisheye_ep_calib.plain_text import one_line, shown
 
 LARGEST_COUNT = 500
 LEAST_LENGTH = 1e-6  # metres
-MOST_POINTS = 100_000
+MOST_POINTS = 10_000
 LONGEST_TEXT = 200
 MILLIMETRES = 1.0  # a length of so many metres and more was meant in millimetres
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from pathlib import Path
 
 PACKAGE = "fisheye_ep_calib"
@@ -25,7 +26,7 @@ def shipped_files() -> dict[str, Path]:
 
 def find_target_file(name: Path) -> Path:
     """The file of that name or, where there is none, the shipped one that a bare name means; else ``name`` itself."""
-    if name.is_file() or name.parent != Path("."):
+    if os.path.isfile(name) or name.parent != Path("."):
         return name
     stem = name.stem if name.suffix in (".yaml", ".yml") else name.name
     return shipped_files().get(stem, name)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
+from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.npz_file import read_npz
@@ -22,6 +23,7 @@ from fisheye_ep_calib.storage.camera_file import read_camera_file, save_camera
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.rig_file import load_rig, places_yaml
 from fisheye_ep_calib.target.registry import load_target
+from fisheye_ep_calib.target.shape.frame import board_frame
 
 GRID = np.stack([*np.meshgrid(np.arange(4) * 0.02, np.arange(3) * 0.02), np.zeros((3, 4))], axis=-1).reshape(-1, 3)
 ARRAYS = {
@@ -41,7 +43,7 @@ ARRAYS = {
         ("weights", np.full(36, 1e308), "weights has 1e\\+308"),
         ("weights", np.full(36, 1e-300), "weights has 1e-300"),
         ("object_points", GRID * 1e200, "object_points reaches"),
-        ("object_points", np.zeros((100_001, 3)), "at most 100000"),
+        ("object_points", np.zeros((10_001, 3)), "at most 10000"),
         ("disc_radius", np.array(1e200), "disc_radius reaches"),
         ("board_deviation", GRID * 1e100, "board_deviation moves"),
         ("image_names", np.full(1_000_001, "n"), "at most 1000000 images"),
@@ -55,6 +57,55 @@ def test_observation_files(tmp_path, key, value, words) -> None:
     with pytest.raises(InputError, match=words) as refused:
         load_observations(tmp_path / "o.npz")
     assert str(refused.value).startswith(f"{tmp_path / 'o.npz'}: ")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("object_points", GRID * 1e200, "object_points reaches"),
+        ("object_points", np.zeros((10_001, 3)), "at most 10000"),
+        ("object_points", [[0, 0, 0], [1]], "object_points must hold real numbers"),
+        ("weights", np.full(36, 1e308), "weights has 1e\\+308"),
+        ("pixels", np.full((36, 2), 1 + 1j), "pixels must hold real numbers"),
+        ("pixels", [[1, 2], [3]], "pixels must hold real numbers"),
+        ("pixels", "text", "pixels must hold real numbers"),
+    ],
+)
+def test_arrays_in_python_too(key, value, words) -> None:
+    arrays = {name: array for name, array in ARRAYS.items() if name != "unit"}
+    with pytest.raises(InputError, match=words):
+        Observations.create(**{**arrays, key: value})
+
+
+def test_points_that_no_image_shows() -> None:
+    """Memory goes with images × points: 2000 images of three points, of 9000, would take gigabytes."""
+    rng = np.random.default_rng(1)
+    arrays = {
+        "object_points": rng.uniform(0, 1, (9000, 3)),
+        "image_index": np.repeat(np.arange(2000), 3),
+        "point_index": np.tile(np.arange(3), 2000),
+        "pixels": rng.uniform(0, 400, (6000, 2)),
+        "image_size": (640, 480),
+    }
+    with pytest.raises(InputError, match="2000 images show 3 of 9000 points each"):
+        Observations.create(**arrays)
+    arrays["object_points"] = arrays["object_points"][:12]
+    assert Observations.create(**arrays).view_count == 2000
+
+
+def test_a_large_target_that_is_not_flat_costs_nothing() -> None:
+    points = np.random.default_rng(1).uniform(0, 1, (10_000, 3))
+    began = time.process_time()
+    assert np.linalg.det(board_frame(points).axes) == pytest.approx(1)
+    assert time.process_time() - began < 1
+
+
+def test_names_that_no_file_can_have() -> None:
+    for read in (load_target, load_observations):
+        for name in ("x" * 5000, "a\0b", "\x1b[31m"):
+            with pytest.raises(InputError) as refused:
+                read(name)
+            assert str(refused.value).isprintable()
 
 
 def header_of(shape: tuple[int, ...], descr: str = "<f8") -> bytes:

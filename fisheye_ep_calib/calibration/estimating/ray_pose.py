@@ -36,7 +36,7 @@ def poses_from_rays(
     for view in range(used.shape[0]):
         points = object_points[:, view][:, used[view]].T
         middle = points.mean(axis=0)
-        _, extent, rows = np.linalg.svd(points - middle, full_matrices=True)
+        _, extent, rows = np.linalg.svd(points - middle, full_matrices=False)  # n × n otherwise
         rows[2] *= np.sign(np.linalg.det(rows))
         selected = (slice(None), slice(view, view + 1))
         flat = bool(extent[2] < 1e-3 * extent[0])

@@ -17,13 +17,13 @@ import numpy as np
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.plain_text import shown
+from fisheye_ep_calib.target.schema import MOST_POINTS
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import BOW, FLAT, FREE
 
 _DIGITS = 9  # of metres: a nanometre
 _LARGEST = 0.2  # of the board's size, that a point may be off
 _LARGEST_LENGTH = 1e4  # metres
-_MOST_POINTS = 100_000
 KEYS = ("kind", "bent", "scatter", "deviation", "sigma")
 
 
@@ -66,8 +66,8 @@ def board_content(shape: BoardShape) -> dict[str, Any]:
 def parse_board(content: object) -> BoardShape:
     """The shape with its target's points. Raises InputError."""
     points = content.get("object_points") if isinstance(content, dict) else None
-    if not isinstance(points, list) or not 0 < len(points) <= _MOST_POINTS:
-        raise InputError(f"board must have object_points, {_MOST_POINTS} at most")
+    if not isinstance(points, list) or not 0 < len(points) <= MOST_POINTS:
+        raise InputError(f"board must have object_points, {MOST_POINTS} at most")
     shape = parse_shape(content, _numbers(points, "object_points", (len(points), 3)))
     return replace(shape, discs=isinstance(content, dict) and content.get("disc_radius") is not None)
 

@@ -56,7 +56,7 @@ def board_frame(object_points: np.ndarray) -> BoardFrame:
 
 def _least_squares_axes(points: np.ndarray) -> np.ndarray:
     """Axes (3, 3), columns x, y, normal of the plane of least squares through points (n, 3)."""
-    _, _, rows = np.linalg.svd(points - points.mean(axis=0), full_matrices=True)
+    _, _, rows = np.linalg.svd(points - points.mean(axis=0), full_matrices=len(points) < 3)  # n × n otherwise
     normal = rows[2] * np.sign(rows[2][np.argmax(np.abs(rows[2]))])
     along = np.eye(3)[1 if abs(normal[0]) > 0.9 else 0]
     x = along - (along @ normal) * normal
