@@ -27,7 +27,6 @@ from fisheye_ep_calib.planning.view_selection import ViewSignature, view_signatu
 from fisheye_ep_calib.target import Target
 
 GOAL_ANGLE = 60  # degrees at which the band is held against the goal
-_MOST_LOOKED_AT = 24  # poses, for as many that no view shows yet
 AHEAD = 6  # poses planned: a calibration takes as long as a few views
 # What the person who holds the target can do something about, the most urgent first; other findings come after these.
 _BY_SHOWING = ("few_views", "coverage", "depth", "pupil_against_depth", "near_far")
@@ -80,7 +79,13 @@ def advise(
     field = Field.of(few_points(board.points), poses, offered.poses, ends)
     findings = _open([field.finding, *(other for other in result.diagnosis.findings if other.name != "coverage")])
     known = _known_beforehand(result, board)
-    suggestions = next_views(camera, board, poses, offered, _MOST_LOOKED_AT, field, tried, known)
+    views = _signatures(observations)
+
+    def shown(suggestion: Suggestion) -> bool:
+        wanted = _wanted(suggestion, result.camera, board)
+        return any(wanted.shown_by(view) for view in views)
+
+    suggestions = next_views(camera, board, poses, offered, AHEAD, field, tried, known, shown)
     against = sigma_against_guided(camera, board, poses, offered, _goal_angle(camera), beforehand=known)
     rings = int(np.flatnonzero(field.reachable.any(axis=1)).max(initial=0)) + 1
     figures = {
@@ -92,21 +97,20 @@ def advise(
         "gain": round(suggestions[0].gain, 3) if suggestions else 0.0,
         "sigma_against_40_guided": round(against, 3) if np.isfinite(against) else None,
     }
-    plan = _not_shown([_wanted(suggestion, result.camera, board) for suggestion in suggestions], observations)
+    plan = tuple(_wanted(suggestion, result.camera, board) for suggestion in suggestions)
     told = tuple(finding.sentence for finding in findings)
     lacking = tuple(finding.sentence for finding in findings if finding.name in _BY_SHOWING)
     return Advice(plan, told, lacking, figures, against)
 
 
-def _not_shown(plan: Sequence[Wanted], observations: Observations) -> tuple[Wanted, ...]:
-    """The first poses that no view shows yet: another view there would tell something, but would not be kept."""
+def _signatures(observations: Observations) -> list[ViewSignature]:
+    """Of the views, but for those that nobody can tell."""
     views = []
     for image in np.unique(observations.image_index):
         seen = observations.image_index == image
         points = observations.object_points[observations.point_index[seen]]
         views.append(view_signature(points, observations.pixels[seen], observations.image_size))
-    known = [view for view in views if view is not None]
-    return tuple(wanted for wanted in plan if not any(wanted.shown_by(view) for view in known))[:AHEAD]
+    return [view for view in views if view is not None]
 
 
 def first_plan(

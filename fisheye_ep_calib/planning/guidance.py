@@ -6,7 +6,7 @@ of E(θ) and of r(θ) over the field. Where parts of the field are not covered y
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -29,6 +29,7 @@ _DISTANCES = 7  # from the nearest at which the board may be held to the farthes
 _NEAREST, _FARTHEST = 0.9, 10.0  # in half diagonals of the board
 _TURNS = 3  # of so many views one is chosen for what it covers alone, while something is not covered
 _FIELD = 0.2  # share of the variances that covering a ring of the field, or doubling the depth at the rim, is worth
+_MOST_PASSED_OVER = 300  # poses that views show already, before it is enough
 _PLAIN = {"upper": "top", "lower": "bottom"}
 _SAME_ANGLE, _SAME_DISTANCE = np.radians(15.0), 1.3  # within which a pose is one that was tried
 _SAME_TILT = np.radians(20.0)  # within which one there is another view of the same
@@ -134,11 +135,13 @@ def next_views(
     field: Field | None = None,
     tried: Sequence[Suggestion] = (),
     beforehand: np.ndarray | float = 0.0,
+    shown: Callable[[Suggestion], bool] = lambda suggestion: False,
 ) -> list[Suggestion]:
     """The views to take next, each the one that tells most once those before it are taken; fewer where none is left.
 
     camera_from_target (V, 4, 4): the views so far. field: what is covered of what can be: poses that cover more come
     first. tried: poses that could not be reached. beforehand (P, P): information without any view, per px⁻² of noise.
+    shown: whether a view so far shows a pose: another there would not be kept.
     """
     so_far = beforehand + view_information(
         replace(camera, theta_max=np.pi), few_points(board.points), camera_from_target
@@ -148,6 +151,7 @@ def next_views(
     for vain in tried:
         left &= ~offered.near(vain)
     chosen: list[Suggestion] = []
+    passed_over = 0
     while len(chosen) < count and left.any():
         gain = variance_reduction(offered.information, so_far, sought) / len(sought)
         share = gain / (1 + gain)
@@ -157,6 +161,11 @@ def next_views(
             turn = (len(camera_from_target) + len(chosen)) % _TURNS == _TURNS - 1
             worth = wanting + 1e-3 * share if turn and wanting[left].any() else share + _FIELD * wanting
         best = int(np.argmax(np.where(left, worth, -np.inf)))
+        while passed_over < _MOST_PASSED_OVER and left.any() and shown(offered.suggestion(best, float(share[best]))):
+            left[best], passed_over = False, passed_over + 1
+            best = int(np.argmax(np.where(left, worth, -np.inf)))
+        if not left[best] or passed_over >= _MOST_PASSED_OVER:
+            break
         chosen.append(offered.suggestion(best, float(share[best])))
         so_far = so_far + offered.information[best]
         field = None if field is None else field.with_view(offered.poses[best])
