@@ -89,7 +89,7 @@ def add_fit_arguments(parser: argparse.ArgumentParser) -> None:
     action = argparse.BooleanOptionalAction
     structure.add_argument("--skew", action=action, help="skew of the pixel axes")
     for name, extra in LENS_EXTRAS.items():
-        structure.add_argument(f"--{name.replace('_', '-')}", action=action, help=" ".join(extra.coefficient_names))
+        structure.add_argument(f"--{name.replace('_', '-')}", action=action, help=extra.summary)
     structure.add_argument(
         "--board-shape",
         metavar="SHAPE",

@@ -17,7 +17,7 @@ DESCRIPTION = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    formats = "\n".join(f"  {name:<12}{FORMATS[name].summary}" for name in writable_formats())
+    formats = "\n".join(f"  {name:<18}{FORMATS[name].summary}" for name in writable_formats())
     parser.epilog = (
         f"formats:\n{formats}\n\nexample:\n  fisheye_ep_calib export rig.yaml --to kalibr --output chain.yaml\n"
     )

@@ -71,7 +71,8 @@ def main() -> None:
         shutil.copy(HERE.parents[1] / "config" / "targets" / f"{name}.yaml", SEEDS / f"target_{name}.yaml")
     save_observations(SEEDS / "observations.npz", seen_board(CAMERA, views=6))
     cli.main(["calibrate", str(SEEDS / "observations.npz"), "--no-report", "--output", str(SEEDS / "out")])
-    (SEEDS / "out" / "observations.yaml").rename(SEEDS / "camera.yaml")
+    camera = (SEEDS / "out" / "observations.yaml").read_text("utf-8")
+    (SEEDS / "camera.yaml").write_text(camera.replace(f"{SEEDS}/", ""), "utf-8")
     shutil.rmtree(SEEDS / "out")
     for name, file in FOREIGN.items():
         to = str(SEEDS / f"camera_in_{file}")

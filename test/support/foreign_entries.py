@@ -96,6 +96,7 @@ class ThinPrism:
     """x′ = x + n1 r², y′ = y + n2 r² (Weng, Cohen and Herniou, 1992)."""
 
     name = "right_prism"
+    summary = "a thin prism: n1, n2"
     coefficient_names = ("n1", "n2")
 
     def apply(self, x, y, coefficients):

@@ -44,6 +44,7 @@ class BrownConrady:
     """Folds over where x f(x²) turns: ``reach`` tells where, and beyond it there is no image."""
 
     name = "brown_conrady"
+    summary = "the distortion of a pinhole camera"
     coefficient_names = tuple(f"bc_{name}" for name in _ORDER)
 
     def apply(self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:

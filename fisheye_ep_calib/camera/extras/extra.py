@@ -24,6 +24,11 @@ class LensExtra(Protocol):
     def name(self) -> str: ...
 
     @property
+    def summary(self) -> str:
+        """What it is, in a few words: the help of its option."""
+        ...
+
+    @property
     def coefficient_names(self) -> tuple[str, ...]: ...
 
     def apply(self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ class Tangential:
     """The lens elements are not centred on one axis; OpenCV's p1, p2, on the fisheye's own plane."""
 
     name = "tangential"
+    summary = "lens elements that are not on one axis: p1, p2"
     coefficient_names = ("p1", "p2")
 
     def apply(self, x: np.ndarray, y: np.ndarray, coefficients: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -38,6 +38,7 @@ class Tilt:
     """The sensor's plane is not perpendicular to the optical axis."""
 
     name = "tilt"
+    summary = "a sensor that is not perpendicular to the axis: tau_x, tau_y"
     coefficient_names = ("tau_x", "tau_y")
 
     @staticmethod
