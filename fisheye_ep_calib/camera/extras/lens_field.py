@@ -51,7 +51,7 @@ class LensField:
     """Elements out of round, out of line or held askew, beyond what decentring and tilt describe."""
 
     name = "lens_field"
-    summary = "a lens that is not symmetric about its axis: a smooth field"
+    summary = "a lens that is not symmetric about its axis: a smooth field; none where it gains no more than by chance"
     coefficient_names = tuple(f"{part}{p}{q}" for p, q in _FREE for part in "ab")
     orders = tuple(abs(p - q - 1) for p, q in _FREE for _ in "ab")  # azimuthal order of each coefficient
 
