@@ -31,6 +31,7 @@ from fisheye_ep_calib.calibration.estimating.normal_equations import (
 )
 from fisheye_ep_calib.calibration.estimating.prediction import predict
 from fisheye_ep_calib.calibration.selecting.nested_tests import CLUSTERS_BEYOND_TERMS, f_tail, f_test
+from fisheye_ep_calib.calibration.selecting.pupil_verdict import FEWEST_FOR_MODELS
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 
 _SIGNIFICANCE = 0.001  # of each of the three
@@ -54,6 +55,9 @@ def not_symmetric(fit: Fit) -> list[Finding]:
         return []
     chance, effect, name = min(told, key=lambda each: (each[0], -each[1]))
     values = {"p_value": chance, "effect_px": effect}
+    if len(fit.sightings.images) < FEWEST_FOR_MODELS:
+        sentence = f"fewer than {FEWEST_FOR_MODELS} views do not tell whether the residuals turn with the azimuth"
+        return [Finding("not_symmetric", values, False, sentence)]
     if chance >= _SIGNIFICANCE or effect < _SHARE * fit.rms_px:
         return [Finding("not_symmetric", values, False, "the residuals do not turn with the azimuth")]
     sentence = (

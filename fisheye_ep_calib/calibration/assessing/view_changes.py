@@ -18,6 +18,7 @@ from fisheye_ep_calib.calibration.assessing.finding import Finding
 from fisheye_ep_calib.calibration.estimating.joint_posterior import LENS_GROUPS
 from fisheye_ep_calib.calibration.estimating.joint_variances import JointVariances
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE, SHIFT, SHUTTER, TURN
+from fisheye_ep_calib.calibration.selecting.pupil_verdict import FEWEST_FOR_MODELS
 from fisheye_ep_calib.target.shape.model import GROUPS
 from fisheye_ep_calib.target.shape.variances import chance_gain
 
@@ -42,7 +43,7 @@ class ViewChanges:
 
     def raised(self, name: str) -> bool:
         enough = self.gain[name] >= least_gain() and self.visible_px[name] >= _SHARE * self.noise_px[name]
-        return enough and self.gain[name] == max(self.gain.values())
+        return enough and len(self.square_px[name]) >= FEWEST_FOR_MODELS and self.gain[name] == max(self.gain.values())
 
     @property
     def told(self) -> str | None:
@@ -116,4 +117,6 @@ def changes_found(changes: ViewChanges, estimated: Collection[str] = ()) -> tupl
 def _finding(changes: ViewChanges, name: str, values: dict[str, float], told: str, nothing: str) -> Finding:
     raised, moved = changes.raised(name), changes.visible_px[name]
     values = {"gain": changes.gain[name], "visible_px": moved, **values}
+    if len(changes.square_px[name]) < FEWEST_FOR_MODELS:
+        nothing = f"fewer than {FEWEST_FOR_MODELS} views do not tell a change from view to view"
     return Finding(name, values, raised, told.format(moved) if raised else nothing)

@@ -31,7 +31,7 @@ _CLAIM, _DOUBT = 3.0, 2.0  # σ_tot
 _WRONG_SIGN = 10.0  # σ_tot for E > 0
 _SIGNIFICANCE, _HINT = 0.0027, 0.01  # of the clustered test: what 3 σ are, and what raises a doubt
 FEWEST_VIEWS = 4  # that claim a pupil
-_FEWEST_FOR_MODELS = 6  # views; fewer do not tell one model from another
+FEWEST_FOR_MODELS = 6  # views; fewer do not tell one model from another
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def judge(pupil: Fit, central: Fit) -> PupilVerdict:
 def _models(fit: Fit, theta: float, posterior: float) -> tuple[NuisanceModel, ...]:
     """What else may have moved the points; of few views, or where they leave something open, the fit alone."""
     angles = np.array([theta])
-    if len(fit.sightings.images) >= _FEWEST_FOR_MODELS and fit.problem.loss.kind == "linear":
+    if len(fit.sightings.images) >= FEWEST_FOR_MODELS and fit.problem.loss.kind == "linear":
         try:
             return nuisance_models(fit, angles)
         except np.linalg.LinAlgError:

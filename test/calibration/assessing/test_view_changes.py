@@ -13,7 +13,10 @@ from fisheye_ep_calib.calibration.calibrate import calibrate
 from fisheye_ep_calib.calibration.estimating.fit import first_fit, refine
 from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.calibration.estimating.sightings import prepare
+from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import Structure
+from fisheye_ep_calib.simulation import laikin_camera, paper_poses, paper_target
+from fisheye_ep_calib.simulation.truth import points_in_camera
 
 CHANGES = {
     "board_flexes": {"flex": 8e-5, "in_plane": 1e-5},
@@ -49,6 +52,20 @@ def test_their_words() -> None:
 def test_a_board_that_stays_as_it_is_raises_nothing(wave, seed) -> None:
     found = findings(wave=wave, seed=seed, views=(8, 20)[seed % 2])
     assert not [name for name, each in found.items() if each.concern or each.values["gain"] > 25]
+
+
+@pytest.mark.parametrize("views", [3, 5])
+def test_what_a_model_leaves_in_a_few_views_is_no_change_of_the_board(views) -> None:
+    """A lens whose pupil moves, as a camera with one viewpoint sees it."""
+    target, camera = paper_target(), laikin_camera()
+    poses = paper_poses(target)[:: 25 // views][:views]
+    pixels, valid = camera.project(points_in_camera(poses, target.object_points))
+    image, point = np.nonzero(valid & ((pixels > 0) & (pixels < np.array(camera.image_size) - 1)).all(axis=-1))
+    noisy = pixels[image, point] + np.random.default_rng(1).normal(0, 0.02, (len(image), 2))
+    seen = Observations.create(target.object_points, image, point, noisy, camera.image_size)
+    found = {each.name: each for each in calibrate(seen, "kannala", force=True).diagnosis.findings}
+    for name in (*CHANGES, "not_symmetric"):
+        assert not found[name].concern and "fewer than 6 views do not tell" in found[name].sentence
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
