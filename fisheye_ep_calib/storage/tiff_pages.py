@@ -79,7 +79,9 @@ def _page(number: int, tags: dict[int, int]) -> Page:
 
 
 def _directory(content: bytes | memoryview | mmap, position: int, layout: _Layout) -> tuple[dict[int, int], int]:
-    """The tags that matter here, and where the next directory is."""
+    """The tags that matter here, and where the next directory is. Raises struct.error where it is not in the file."""
+    if position >= len(content):
+        raise struct.error("a directory beyond the end of the file")
     (entries,) = struct.unpack_from(layout.order + layout.entries, content, position)
     if entries > _MOST_ENTRIES:
         raise struct.error("more entries than a directory has")

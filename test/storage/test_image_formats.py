@@ -118,6 +118,16 @@ def test_pages_thumbnails_and_damage(tmp_path, big):
     assert declared_size(tiff(whole, big=big)) == (8, 6)
 
 
+@pytest.mark.parametrize("offset", [10**6, 2**63, 2**64 - 1])
+def test_a_directory_beyond_the_end_is_none(offset):
+    from fisheye_ep_calib.storage.tiff_pages import pages
+
+    sound = tiff([size_tags(8, 6)], [offset], big=True)
+    assert len(pages(sound)) == 1
+    with pytest.raises(struct.error):
+        pages(sound[:8] + struct.pack("<Q", offset) + sound[16:])
+
+
 def test_a_page_that_declares_too_much_is_not_decoded(tmp_path):
     (tmp_path / "a.tif").write_bytes(tiff([size_tags(8, 6), size_tags(60000, 60000)]))
     with open_recording(tmp_path) as recording:
