@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 
 import pytest
@@ -33,10 +34,21 @@ def test_plain_scalars_read_as_any_reader_reads_them(text) -> None:
     assert repr(parse_yaml(whole, "file")) == repr(yaml.safe_load(whole))
 
 
+@pytest.mark.parametrize("text", ["1e-3", "+5E2", "0E0"])
+def test_a_number_without_a_point_is_one_as_in_yaml_1_2(text) -> None:
+    """PyYAML, of YAML 1.1, reads it as text and so writes such text without quotes."""
+    assert parse_yaml(f"k: {text}", "file") == {"k": float(text)}
+    assert parse_yaml(f"k: '{text}'", "file") == {"k": text}
+
+
+def words(longest: int) -> st.SearchStrategy[str]:
+    return st.text(max_size=longest).filter(lambda text: not re.fullmatch(r"[-+]?[0-9]+[eE][-+]?[0-9]+", text))
+
+
 @given(
     st.recursive(
-        st.none() | st.booleans() | st.integers(-(10**17), 10**17) | st.floats() | st.text(max_size=20),
-        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4),
+        st.none() | st.booleans() | st.integers(-(10**17), 10**17) | st.floats() | words(20),
+        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(words(8), inner, max_size=4),
         max_leaves=20,
     )
 )

@@ -17,7 +17,7 @@ import numpy as np
 from fisheye_ep_calib.calibration.estimating.adjustment import AdjustmentProblem, AdjustmentState, evaluate
 from fisheye_ep_calib.calibration.estimating.eliminated_system import Eliminated, Factored
 from fisheye_ep_calib.calibration.estimating.fit import Fit, opened
-from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations
+from fisheye_ep_calib.calibration.estimating.gathered_field import field_prior, with_gathered_field
 from fisheye_ep_calib.calibration.estimating.shape_equations import (
     BlockSystem,
     ShapeEquations,
@@ -36,7 +36,6 @@ JOINT_GROUPS = (*GROUPS, *VIEW_GROUPS, *LENS_GROUPS)
 FIRST_VIEW, FIRST_LENS = len(GROUPS), len(GROUPS) + len(VIEW_GROUPS)
 _FREE = -1  # without a prior
 _NO_FIELD = 1e-3  # pixels: τ of an order that has vanished beside another that has not
-_GATHERED = 1e-4  # of the mean square: what is less of a lens field's column, the others tell
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,8 @@ class JointLinearisation:
         if len(field):
             equations = equations.without_shared(field, state.camera.parameters[problem.free][field])
         self._field_gram = equations.shared[np.ix_(field, field)]
-        self._equations, self._lens_group = _with_gathered_field(equations, field, point_count)
+        self._equations, lens_order = with_gathered_field(equations, field, point_count)
+        self._lens_group = FIRST_LENS + lens_order
         self._lens_columns = len(in_field) - len(field) + np.arange(len(self._lens_group))
         if len(field):
             self._camera_columns = np.arange(len(in_field) - len(field))
@@ -213,19 +213,9 @@ class JointLinearisation:
         return float(np.sqrt(square / self.point_count))
 
     def field_prior(self, variances: Variances) -> FieldPrior:
-        """Of the lens field's own coefficients under these variances: Λ = σ²/(τ² M) G in each order of the M sightings.
-
-        What an order's coefficients c do to the points is cᵀ G c, px², and M τ² a priori for each; what the sightings
-        hardly tell of them counts as the least that they do.
-        """
-        penalties, orders = np.zeros_like(self._field_gram), np.array(LENS_FIELD.orders)
-        for index, order in enumerate(ORDERS):
-            own = np.flatnonzero(orders == order)
-            scale, values, vectors = _scaled_eigen(self._field_gram[np.ix_(own, own)])
-            root = (vectors * np.sqrt(np.maximum(values, _GATHERED * values.max()))).T / scale
-            tau = max(float(variances.deviation[FIRST_LENS + index]), _NO_FIELD)
-            penalties[np.ix_(own, own)] = variances.noise**2 / (tau**2 * self.point_count) * root.T @ root
-        return FieldPrior(tuple(map(tuple, penalties.tolist())))
+        """Of the lens field's own coefficients under these variances."""
+        tau = np.maximum(variances.deviation[FIRST_LENS:], _NO_FIELD)
+        return field_prior(self._field_gram, tau, variances.noise, self.point_count)
 
     def expected_square(self, variances: Variances, groups: Iterable[str]) -> np.ndarray:
         """Of every view (V,) what some of the views' groups do to its points a priori, px² summed: Σ τ_k² |z_k|²."""
@@ -307,46 +297,3 @@ def seen_points(sightings: Sightings) -> np.ndarray:
     observations = sightings.observations
     used = (observations.weights > 0) & np.isin(observations.image_index, sightings.images)
     return np.bincount(observations.point_index[used], minlength=len(observations.object_points)) > 0
-
-
-def _scaled_eigen(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """1/√ of a Gram matrix's diagonal (k,); eigenvalues (k,) and -vectors (k, k) of the matrix so scaled."""
-    scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    return scale, *np.linalg.eigh(gram * scale[:, None] * scale)
-
-
-def _with_gathered_field(
-    equations: NormalEquations, field: np.ndarray, points: int
-) -> tuple[NormalEquations, np.ndarray]:
-    """Equations whose columns of the lens field, at these places of the shared ones, stand last, orthonormal by order.
-
-    Their mean square is 1 px² a point; what the sightings do not tell apart is left out. group (F,) of each.
-    """
-    if len(field) == 0:
-        return equations, np.zeros(0, int)
-    orders = np.array(LENS_FIELD.orders)
-    gram = equations.shared[np.ix_(field, field)]
-    mixing, group = [], []
-    for index, order in enumerate(ORDERS):
-        own = np.flatnonzero(orders == order)
-        scale, values, vectors = _scaled_eigen(gram[np.ix_(own, own)])
-        kept = values > _GATHERED * values.max()
-        part = np.zeros((len(field), int(kept.sum())))
-        part[own] = scale[:, None] * vectors[:, kept] * np.sqrt(points / values[kept])
-        mixing.append(part)
-        group += [FIRST_LENS + index] * part.shape[1]
-    size, shared = equations.view_size, len(equations.shared)
-    rest = np.setdiff1d(np.arange(shared), field)
-    turn = np.zeros((shared, len(rest) + len(group)))
-    turn[rest, np.arange(len(rest))] = 1.0
-    turn[field, len(rest) :] = np.concatenate(mixing, axis=1)
-    whole = np.zeros((size + shared + 1, size + turn.shape[1] + 1))
-    whole[:size, :size], whole[-1, -1] = np.eye(size), 1.0
-    whole[size:-1, size:-1] = turn
-    by_view = whole.T @ equations.by_view @ whole
-    shape = equations.shape
-    if shape is not None:
-        shape = replace(shape, camera=turn.T @ shape.camera)
-    prior, gradient = equations.known_beforehand
-    gathered = replace(equations, prior=turn.T @ prior @ turn, prior_gradient=turn.T @ gradient)
-    return replace(gathered, by_view=by_view, shape=shape), np.array(group)
