@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from nobody import Nobody
 from simulated_person import STEPS, SimulatedPerson
 
 from fisheye_ep_calib.calibration import Observations, calibrate
@@ -59,17 +60,6 @@ SCENES = {
     for name, keys in BOARDS.items()
     for field, camera in ((120, NARROW), (190, WIDE))
 }
-
-
-class Nobody:
-    """Listens to nothing."""
-
-    def calibrated(self, camera: str, outcome: Any) -> None: ...
-    def rig_calibrated(self, outcome: Any) -> None: ...
-    def wanted_pictures(self, camera: str) -> frozenset[str]:
-        return frozenset()
-
-    def pictures(self, camera: str, header: Any, pictures: Any) -> None: ...
 
 
 def imaging(number: int) -> Imaging:

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from nobody import Nobody
 
 from fisheye_ep_calib.live import other_board
 from fisheye_ep_calib.live.announcer import Announcer
@@ -91,17 +92,6 @@ def test_the_target_itself_is_none_and_an_empty_image_has_none() -> None:
     assert detect_in_frame(raw(image_of(target)), target, others=True).other_board is None
     empty = np.random.default_rng(1).integers(90, 110, SIZE[::-1], dtype=np.uint8)
     assert detect_in_frame(raw(empty), target, others=True).other_board == ""
-
-
-class Nobody:
-    """Listens to nothing."""
-
-    def calibrated(self, camera: str, outcome: Any) -> None: ...
-    def rig_calibrated(self, outcome: Any) -> None: ...
-    def wanted_pictures(self, camera: str) -> frozenset[str]:
-        return frozenset()
-
-    def pictures(self, camera: str, header: Any, pictures: Any) -> None: ...
 
 
 def test_the_status_says_it_in_place_of_a_pose(tmp_path, monkeypatch) -> None:
