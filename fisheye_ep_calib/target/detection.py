@@ -71,7 +71,8 @@ class Detector(Protocol):
         ...
 
 
-LONGEST_SIDE = 20000  # pixels; bounds the memory of a search
+SHORTEST_SIDE, LONGEST_SIDE = 16, 20000  # pixels; the latter bounds the memory of a search
+NARROWEST = 64  # longer sides over shorter: of what is more, nothing is left once it is reduced to be searched
 
 
 def check_image(image: np.ndarray) -> str:
@@ -80,8 +81,10 @@ def check_image(image: np.ndarray) -> str:
     """
     if image.ndim != 2 or image.dtype not in (np.uint8, np.float32):
         return "not a grey image of 8 bits or in grey levels"
-    if min(image.shape) < 16:
+    if min(image.shape) < SHORTEST_SIDE:
         return "image too small"
+    if max(image.shape) > NARROWEST * min(image.shape):
+        return "image too narrow"
     if max(image.shape) > LONGEST_SIDE:
         return "image too large"
     sample = image[:: max(1, image.shape[0] // 256), :: max(1, image.shape[1] // 256)]

@@ -7,6 +7,7 @@ import numpy as np
 
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.corners.chessboard_detector import any_chessboard
+from fisheye_ep_calib.target.detection import check_image
 from fisheye_ep_calib.target.discs.blobs import WINDOWS, find_blobs, reduced, usual_factor
 from fisheye_ep_calib.target.discs.lattice import grow_lattices
 from fisheye_ep_calib.target.discs.lattice_evidence import is_disc_lattice
@@ -20,6 +21,8 @@ MARKED = ("charuco", "aprilgrid")
 
 def what_else(image: np.ndarray, target: Target) -> str:
     """A board of another kind than the target's in a grey image (h, w) uint8, in words; empty where none is seen."""
+    if check_image(image):
+        return ""
     if target.kind not in MARKED and (markers := _markers(image)):
         return f"a board with markers of {markers}"
     if target.kind != "chessboard" and len(cells := any_chessboard(image)) >= FEWEST:

@@ -11,6 +11,7 @@ import pytest
 
 from fisheye_ep_calib.simulation.clutter import clutter_image
 from fisheye_ep_calib.target import load_target
+from fisheye_ep_calib.target.what_else import what_else
 
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "config" / "targets").glob("*.yaml"))
 LONGEST = 20.0
@@ -91,3 +92,16 @@ def test_much_clutter(detector):
 def test_wrong_kinds_of_array(detector):
     assert detector.detect(np.zeros((50, 50, 3), np.uint8)).reason
     assert detector.detect(np.zeros((50, 50), np.float32)).reason
+
+
+NARROW = [(1, 2000), (15, 900), (16, 1024), (16, 5000), (17, 1101), (40, 2560)]
+
+
+@pytest.mark.parametrize("shape", NARROW, ids=str)
+def test_nothing_is_in_narrow_images_and_no_other_board_either(detector, shape):
+    rng = np.random.default_rng(2)
+    bars = np.tile(np.repeat(np.uint8([0, 255]), 4), (shape[0], shape[1] // 8 + 1))[:, : shape[1]].copy()
+    for image in (rng.integers(0, 256, shape).astype(np.uint8), bars):
+        for turned in (image, image.T.copy()):
+            assert len(detector.detect(turned)) == 0
+            assert what_else(turned, detector.target) == ""
