@@ -15,7 +15,7 @@ import numpy as np
 
 from fisheye_ep_calib.collection.results import FrameResult
 from fisheye_ep_calib.errors import CalibrationError, InputError
-from fisheye_ep_calib.storage.atomic import open_own
+from fisheye_ep_calib.storage.held import open_own
 from fisheye_ep_calib.storage.recording import Recording
 from fisheye_ep_calib.storage.results_folder import make_folder, remove_empty
 from fisheye_ep_calib.target.base import Target

@@ -14,7 +14,6 @@ from fisheye_ep_calib.calibration import CalibrationResult, calibrate
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.collection.progress import ProgressBars, progress_bar
 from fisheye_ep_calib.commands.live_demo import play_to_calibrator, why_not_live
-from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.pipeline import find_target
 from fisheye_ep_calib.simulation import (
     Imaging,
@@ -26,6 +25,7 @@ from fisheye_ep_calib.simulation import (
     views_at,
     write_bag,
 )
+from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
 
@@ -64,11 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder: Path = arguments.output
     bag, target_file = folder / "demo.mcap", folder / "target.yaml"
     truth = {name: paper_camera(number) for number, name in enumerate(CAMERAS)}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        target_file.write_text(TARGET_YAML, encoding="utf-8")
-    except OSError as error:
-        raise CalibrationError(f"cannot write into {folder}: {error.strerror or error}") from error
+    atomic_write(target_file, TARGET_YAML.encode())
     _heading("1. Render: two fisheye cameras with an entrance pupil look at 11 × 7 discs, 25 views each")
     _render(bag, truth)
     _heading("2. Offline: find the discs, calibrate a single-viewpoint model and the entrance-pupil model")

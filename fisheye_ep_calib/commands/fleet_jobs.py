@@ -16,7 +16,7 @@ from pathlib import Path
 
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.plain_text import one_line, plain_streams
-from fisheye_ep_calib.storage.atomic import open_own
+from fisheye_ep_calib.storage.held import open_own
 from fisheye_ep_calib.worker_processes import inherited_by_workers, prepare_worker
 
 LAST_WORDS_SECONDS = 30  # for a device that is interrupted to keep what it found

@@ -18,11 +18,13 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, BinaryIO
 
 import yaml
 
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.storage.atomic import atomic_write
+from fisheye_ep_calib.storage.held import open_own
 
 NODE = "calibrator"
 END_SECONDS = 15.0
@@ -68,13 +70,13 @@ def play_to_calibrator(
     the node fails.
     """
     parameters, log = folder / "calibrator.yaml", folder / "calibrator.log"
-    parameters.write_text(_parameters(cameras, target_file, folder / "live", model), encoding="utf-8")
+    atomic_write(parameters, _parameters(cameras, target_file, folder / "live", model).encode())
     node = ["fisheye_ep_calib.ros.calibrator", "--ros-args", "--params-file", str(parameters)]
     player = ["fisheye_ep_calib.ros.bag_player", str(bag), *cameras, "--node", NODE]
     player += ["--enough-views", str(ENOUGH_VIEWS), "--most-times", str(MOST_TIMES)]
     environment = _environment()
     with (
-        open(log, "wb") as log_file,
+        _log_file(log) as log_file,
         _running(node, environment, log_file) as running,
         _running(player, environment, log_file, subprocess.PIPE) as playing,
     ):
@@ -86,6 +88,13 @@ def play_to_calibrator(
             else:
                 return LiveRun(told["answer"], told["infos"])
     raise CalibrationError(f"what plays the bag ended by itself; see {log}")
+
+
+def _log_file(path: Path) -> BinaryIO:
+    try:
+        return open_own(path, truncate=True)
+    except OSError as error:
+        raise CalibrationError(f"cannot write {path}: {error.strerror or error}") from None
 
 
 def _parameters(cameras: Sequence[str], target_file: Path, output: Path, model: str) -> str:

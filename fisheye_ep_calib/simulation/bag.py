@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,8 @@ from typing import IO, TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.storage.atomic import whole_file
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -52,19 +52,11 @@ def write_bag(path: str | os.PathLike[str], images: Iterable[StampedImage]) -> i
     path = Path(path)
     if path.suffix != ".mcap":
         raise InputError(f"{path}: a bag is written as one file; give it a name that ends in .mcap")
-    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}.partial")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(partial, "xb") as file:
-            count = _write(file, images)
-        os.replace(partial, path)
+        with whole_file(path) as file:
+            return _write(file, images)
     except ModuleNotFoundError as error:
         raise InputError(f"writing bags needs the Python package {error.name}: pip install {error.name}") from None
-    except OSError as error:
-        raise CalibrationError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        partial.unlink(missing_ok=True)
-    return count
 
 
 def _write(file: IO[bytes], images: Iterable[StampedImage]) -> int:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
+import re
 import secrets
-import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.storage.held import HAS_LOCKS, held_file, remove_dead_file
+
+_MOST_WRITERS = 9  # at one time of one file; of more, what they leave when they are killed stays
+_UNFINISHED = re.compile(r"\..+\.\d\.unfinished", re.DOTALL)
 
 
 def atomic_write(path: str | os.PathLike[str], content: bytes) -> None:
@@ -18,43 +22,53 @@ def atomic_write(path: str | os.PathLike[str], content: bytes) -> None:
 
     Missing parent folders are created. Raises CalibrationError where the place cannot be written.
     """
+    with whole_file(path) as file:
+        file.write(content)
+
+
+@contextlib.contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A file to write into that takes the place of ``path`` when it is left without an exception.
+
+    Until then it lies beside it under a hidden name; what a killed program left there is removed. Missing parent
+    folders are created. Raises CalibrationError where the place cannot be written.
+    """
     path = Path(path)
-    # Not mkstemp, whose files are private: a result is as readable as any other file of the user's.
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(temporary, "xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
+        temporary, file = _beside(path)
+        with file:
+            try:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+                if not HAS_LOCKS:  # Windows renames no open file; elsewhere it is held until it has its name
+                    file.close()
+                os.replace(temporary, path)
+            except BaseException:
+                with contextlib.suppress(OSError):
+                    temporary.unlink()
+                raise
         _sync_folder(path.parent)
     except OSError as error:
         raise CalibrationError(f"cannot write {path}: {error.strerror or error}") from None
-    finally:
-        with contextlib.suppress(OSError):  # usually it is no longer there
-            temporary.unlink()
 
 
-def open_own(path: str | os.PathLike[str], truncate: bool = False) -> BinaryIO:
-    """A file of this program's own, open for reading and appending; made where it is not there, never through a link.
+def remove_unfinished(folder: Path) -> None:
+    """Remove what killed programs left of files in the folder and in those below it; links are not followed."""
+    for place, _, names in os.walk(folder):
+        for name in filter(_UNFINISHED.fullmatch, names):
+            remove_dead_file(Path(place, name))
 
-    truncate: begin it anew. Raises OSError, also where the path is a link or another name of somebody's file.
-    """
-    flags = os.O_RDWR | os.O_CREAT | os.O_APPEND
-    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"):
-        flags |= getattr(os, name, 0)
-    descriptor = os.open(path, flags, 0o666)
-    try:
-        status = os.fstat(descriptor)
-        if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
-            raise OSError(errno.EPERM, "it is another name of a file that is not this program's", os.fspath(path))
-        if truncate:
-            os.ftruncate(descriptor, 0)
-        return os.fdopen(descriptor, "a+b")
-    except BaseException:
-        os.close(descriptor)
-        raise
+
+def _beside(path: Path) -> tuple[Path, BinaryIO]:
+    """A new hidden file beside ``path``, as readable as any other of the user's. Raises OSError."""
+    for number in range(1, _MOST_WRITERS + 1):
+        temporary = path.with_name(f".{path.name}.{number}.unfinished")
+        if (file := held_file(temporary)) is not None:
+            return temporary, file
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.unfinished")
+    return temporary, open(temporary, "xb")
 
 
 def _sync_folder(folder: Path) -> None:

@@ -5,16 +5,14 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-import re
+import secrets
 import shutil
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from fisheye_ep_calib.errors import CalibrationError
-
-_ABANDONED_SECONDS = 3600
+from fisheye_ep_calib.storage.held import held_folder, remove_dead_folder
 
 
 @contextmanager
@@ -24,20 +22,21 @@ def results_folder(output: Path) -> Iterator[Path]:
     Files of the same names are replaced, each whole; other files are left alone. Where nothing was written nothing
     appears. Raises CalibrationError where the place cannot be written.
     """
-    staging = beside(output, f"{os.getpid()}.unfinished")
     made: list[Path] = []
-    try:
-        made = make_folder(output)
-        joins = any(not path.name.startswith(".") for path in output.iterdir())
-        _remove_abandoned(staging)
-        staging.mkdir()
-        yield staging
-        _publish(staging, output, joins)
-    except OSError as error:
-        raise CalibrationError(f"cannot write {output}: {error.strerror or error}") from None
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-        remove_empty(made)
+    with contextlib.ExitStack() as at_the_end:
+        at_the_end.callback(lambda: remove_empty(made))
+        try:
+            made = make_folder(output)
+            joins = any(not path.name.startswith(".") for path in output.iterdir())
+            _remove_abandoned(output)
+            held, lock = held_folder(lambda: _new_folder(beside(output, f"{secrets.token_hex(8)}.unfinished")))
+            at_the_end.enter_context(lock)
+            at_the_end.callback(lambda: shutil.rmtree(held, ignore_errors=True))
+            staging = _new_folder(held / "results")
+            yield staging
+            _publish(staging, output, joins)
+        except OSError as error:
+            raise CalibrationError(f"cannot write {output}: {error.strerror or error}") from None
 
 
 def make_folder(path: Path) -> list[Path]:
@@ -64,30 +63,15 @@ def beside(output: Path, ending: str) -> Path:
     return output / f".{ending}"
 
 
-def _remove_abandoned(staging: Path) -> None:
-    """What processes that were killed have left of folders for the same results; another machine's may be young."""
-    head = staging.name.removesuffix(f"{os.getpid()}.unfinished")
-    for path in staging.parent.iterdir():
-        match = re.fullmatch(re.escape(head) + r"(\d{1,9})\.unfinished", path.name, re.ASCII)
-        if not match or not path.is_dir() or path.is_symlink():
-            continue
-        own = int(match[1]) == os.getpid()
-        old = time.time() - path.stat().st_mtime > _ABANDONED_SECONDS
-        if own or (old and not _process_lives(int(match[1]))):
-            shutil.rmtree(path, ignore_errors=True)
+def _new_folder(path: Path) -> Path:
+    path.mkdir()
+    return path
 
 
-def _process_lives(number: int) -> bool:
-    """Whether a process of this machine has the number; where that cannot be told, it is taken to live."""
-    if os.name != "posix":
-        return True
-    try:
-        os.kill(number, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass
-    return True
+def _remove_abandoned(output: Path) -> None:
+    """What killed programs have left of results that were to join those of ``output``."""
+    for path in output.glob(f".{'[0-9a-f]' * 16}.unfinished"):
+        remove_dead_folder(path)
 
 
 def _publish(staging: Path, output: Path, joins: bool) -> None:

@@ -22,7 +22,8 @@ HOLDER = """
 import sys, time
 from fisheye_ep_calib.storage.folder_owner import FolderOwner
 from pathlib import Path
-FolderOwner(Path(sys.argv[1]), "another program").hold()
+owner = FolderOwner(Path(sys.argv[1]), "another program")
+owner.hold()
 print("held", flush=True)
 time.sleep(60)
 """

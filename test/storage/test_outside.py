@@ -21,12 +21,11 @@ OWN_FILES = {
     "collection/workers.py",
     "collection/detection_log.py",
     "commands/fleet_jobs.py",
-    "commands/live_demo.py",
+    "commands/live_demo.py",  # the log of its node
     "report/html.py",
-    "simulation/bag.py",
     "storage/atomic.py",
     "storage/compression.py",
-    "storage/folder_owner.py",
+    "storage/held.py",
     "storage/quiet_libraries.py",  # /dev/null
     "storage/sources/image_archive.py",
 }

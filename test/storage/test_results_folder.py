@@ -8,7 +8,8 @@ import sys
 import pytest
 
 from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.storage.atomic import open_own
+from fisheye_ep_calib.storage.atomic import remove_unfinished, whole_file
+from fisheye_ep_calib.storage.held import open_own
 from fisheye_ep_calib.storage.results_folder import beside, results_folder
 from fisheye_ep_calib.storage.scratch import Scratch
 
@@ -22,7 +23,7 @@ def test_a_new_folder_appears_with_all_its_files(tmp_path):
     with results_folder(output) as folder:
         (folder / "observations").mkdir()
         (folder / "observations" / "front.npz").write_text("1")
-        assert folder.parent == output and folder.name.startswith(".")
+        assert folder.parent.parent == output and folder.parent.name.startswith(".")
         assert everything(folder) == ["observations", "observations/front.npz"]
     assert everything(tmp_path) == ["a", "a/b", "a/b/observations", "a/b/observations/front.npz"]
     mask = os.umask(0)
@@ -64,32 +65,94 @@ def test_a_folder_that_another_program_makes_meanwhile_is_left_alone(tmp_path):
     assert (tmp_path / "out_2" / "front.yaml").read_text() == "mine"
 
 
-@pytest.mark.skipif(os.name != "posix", reason="asks for processes")
-def test_what_killed_processes_left_of_the_folder_is_removed(tmp_path):
-    place = output = tmp_path / "out"
-    head = "."
-    place.mkdir()
-    dead = subprocess.Popen([sys.executable, "-c", ""])
-    dead.wait()
-    gone, kept = [f"{head}{dead.pid}", f"{head}{os.getpid()}"], [f"{head}{os.getppid()}", f".a.{dead.pid}", f"{head}x"]
-    young = f"{head}{dead.pid}00"  # of a process on another machine, perhaps
-    for name in [*gone, *kept, young]:
-        (place / f"{name}.unfinished").mkdir()
-        (place / f"{name}.unfinished" / "front.yaml").touch()
-        if name != young:
-            os.utime(place / f"{name}.unfinished", (0, 0))
-    (place / f"{head}{dead.pid}0.unfinished").touch()  # no folder
-    with results_folder(output) as folder:
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from fisheye_ep_calib.storage.atomic import whole_file
+from fisheye_ep_calib.storage.results_folder import results_folder
+from fisheye_ep_calib.storage.scratch import Scratch
+output, scratch = Path(sys.argv[1]), Scratch()
+(scratch.path / "recording.db3").write_text("unpacked")
+with results_folder(output) as folder, whole_file(output / "bag.mcap") as bag, whole_file(output / "images/1.png"):
+    (folder / "front.yaml").write_text("half")
+    bag.write(b"half")
+    print("written", flush=True)
+    sys.stdin.readline()
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.fixture
+def writer(tmp_path, monkeypatch):
+    """A process that writes into tmp_path/out, with tmp_path as its temporary folder, and kills itself when told."""
+    pytest.importorskip("fcntl", reason="this system has no such locks")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    arguments = [sys.executable, "-c", KILLED, str(tmp_path / "out")]
+    with subprocess.Popen(arguments, env=environment, stdin=-1, stdout=-1, text=True) as process:
+        assert process.stdout.readline() == "written\n"
+        yield process
+        process.kill()
+
+
+def write_all(tmp_path):
+    with results_folder(tmp_path / "out") as folder:
         (folder / "rear.yaml").touch()
-    left = {path.name for path in place.iterdir() if path.name.startswith(".")}
-    assert left == {f"{name}.unfinished" for name in [*kept, young, f"{head}{dead.pid}0"]}
-    assert [path.name for path in output.glob("[!.]*")] == ["rear.yaml"]
+    with whole_file(tmp_path / "out" / "bag.mcap") as bag:
+        bag.write(b"whole")
+    remove_unfinished(tmp_path / "out")
+    scratch = Scratch()
+    assert scratch.path.exists()
+    scratch.close()
+
+
+def test_what_a_killed_program_left_goes_with_the_next_run(tmp_path, writer):
+    before = everything(tmp_path)
+    assert len([name for name in before if name.endswith(".unfinished")]) == 3
+    write_all(tmp_path)
+    lives = [name for name in everything(tmp_path) if name not in ("out/rear.yaml", "out/bag.mcap")]
+    assert lives == before  # its program lives
+    writer.communicate("now")
+    (tmp_path / "victim").mkdir()
+    (tmp_path / "victim" / ".owner").touch()
+    for link in ("fisheye_ep_calib_abcdefgh", "out/.0123456789abcdef.unfinished", "out/.bag.mcap.2.unfinished"):
+        (tmp_path / link).symlink_to(tmp_path / "victim")
+    write_all(tmp_path)
+    assert [name for name in everything(tmp_path) if not (tmp_path / name).is_symlink()] == [
+        *("out", "out/bag.mcap", "out/images", "out/rear.yaml", "victim", "victim/.owner")
+    ]
+    assert (tmp_path / "out" / "bag.mcap").read_bytes() == b"whole"
+
+
+def test_what_died_before_it_was_locked_goes_where_it_is_empty(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    for name, old in {"old_____": True, "young___": False, "in_use__": True}.items():
+        folder = tmp_path / f"fisheye_ep_calib_{name}"
+        folder.mkdir()
+        if name == "in_use__":
+            (folder / "mine").touch()
+        if old:
+            os.utime(folder, (0, 0))
+    write_all(tmp_path)
+    assert {path.name[-8:] for path in tmp_path.glob("fisheye*")} == {"young___", "in_use__"}
+
+
+def test_several_write_one_file_at_a_time(tmp_path):
+    with whole_file(tmp_path / "a") as first, whole_file(tmp_path / "a") as second:
+        first.write(b"1")
+        second.write(b"2")
+    assert (tmp_path / "a").read_bytes() == b"1" and everything(tmp_path) == ["a"]
+    with pytest.raises(ValueError), whole_file(tmp_path / "a") as third:
+        third.write(b"3")
+        raise ValueError
+    assert (tmp_path / "a").read_bytes() == b"1" and everything(tmp_path) == ["a"]
 
 
 def test_nothing_is_written_above_the_folder(tmp_path):
     assert beside(tmp_path / "a" / "b", "log") == tmp_path / "a" / "b" / ".log"
     with results_folder(tmp_path / "a" / "b") as folder:
-        assert everything(tmp_path) == ["a", "a/b", f"a/b/{folder.name}"]
+        held = f"a/b/{folder.parent.name}"
+        assert everything(tmp_path) == ["a", "a/b", held, f"{held}/.owner", f"{held}/{folder.name}"]
         (folder / "x").touch()
     with pytest.raises(ValueError), results_folder(tmp_path / "c" / "d"):
         raise ValueError
@@ -122,31 +185,6 @@ def test_a_file_of_ones_own_is_never_anothers_file(tmp_path, link):
     with pytest.raises(OSError):
         open_own(tmp_path / "pipe")
     assert (tmp_path / "victim").read_text() == "precious"
-
-
-def test_what_killed_programs_unpacked_is_removed_and_what_lives_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    script = (
-        "import os, sys; from fisheye_ep_calib.storage.scratch import Scratch; s = Scratch(); print(s.path, flush=True)"
-    )
-    ended = subprocess.run(
-        [sys.executable, "-c", f"{script}; os._exit(9)"],
-        env={**os.environ, "TMPDIR": str(tmp_path)},
-        stdout=-1,
-        text=True,
-    )
-    left = tmp_path / ended.stdout.strip()
-    assert (left / ".owner").exists()
-    lives = Scratch()
-    assert lives.path.exists() and left.exists()  # it may have been made just now
-    for folder in (left, lives.path):
-        os.utime(folder, (0, 0))
-    (tmp_path / "fisheye_ep_calib_link").symlink_to("/")
-    other = Scratch()
-    assert other.path.exists() and not left.exists() and lives.path.exists()
-    lives.close()
-    other.close()
-    assert [path.name for path in tmp_path.iterdir()] == ["fisheye_ep_calib_link"]
 
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
