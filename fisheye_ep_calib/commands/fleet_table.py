@@ -144,11 +144,14 @@ def threshold(devices: int) -> float:
     return -float(stdtrit(devices - 1, ndtr(-ODD))) if devices >= FEWEST else np.inf
 
 
+_BEGIN_FORMULAS = tuple("=+-@" + "\uff1d\uff0b\uff0d\uff20")  # the last four: full-width ones
+
+
 def as_csv(rows: Sequence[Row]) -> str:
-    """Every column that some row has; empty where one has not."""
+    """Every column that some row has; empty where one has not. Texts are in quotes: some divide at semicolons."""
     names = dict.fromkeys(FIRST_COLUMNS) | dict.fromkeys(name for row in rows for name in row)
     text = io.StringIO()
-    writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n")
+    writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
     writer.writeheader()
     writer.writerows({name: _as_text_cell(cell) for name, cell in row.items()} for row in rows)
     return text.getvalue()
@@ -159,7 +162,7 @@ def _as_text_cell(cell: Any) -> Any:
     if not isinstance(cell, str):
         return cell
     line = one_line(cell)
-    return f"'{line}" if line.startswith(("=", "+", "-", "@")) else line
+    return f"'{line}" if line.lstrip().startswith(_BEGIN_FORMULAS) else line
 
 
 def as_text(rows: Sequence[Row]) -> str:

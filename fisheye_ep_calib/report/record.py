@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 import platform
 from collections.abc import Mapping
 from importlib import metadata
@@ -15,7 +14,7 @@ from typing import Any
 
 from fisheye_ep_calib.report.data import View
 from fisheye_ep_calib.storage.atomic import atomic_write
-from fisheye_ep_calib.storage.json_text import plain
+from fisheye_ep_calib.storage.json_text import readable_json
 from fisheye_ep_calib.version import __version__
 
 SCHEMA = 1
@@ -73,8 +72,7 @@ def write_record(
         "cameras": cameras,
         "failed": failed,
     }
-    text = json.dumps(plain(content), ensure_ascii=False, indent=1, allow_nan=False)
-    atomic_write(path, (text + "\n").encode(errors="backslashreplace"))
+    atomic_write(path, f"{readable_json(content)}\n".encode())
 
 
 def _version(name: str) -> str | None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import io
+import json
 import sys
 
 import numpy as np
@@ -13,6 +15,7 @@ from fisheye_ep_calib.commands.fleet_table import as_csv, failed_row
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.plain_text import one_line, plain_streams, printable, shown
 from fisheye_ep_calib.report.html import render
+from fisheye_ep_calib.storage.json_text import json_text, readable_json
 from fisheye_ep_calib.storage.recording import open_recording
 
 EVIL = "/a\x1b]0;owned\x07\x1b[31m\nfisheye_ep_calib: all is well\r\u202eb/image_raw"
@@ -65,11 +68,29 @@ def test_values_that_errors_repeat_are_short() -> None:
     assert len(one_line("x" * 10**6)) < 5000 and printable("\x1b\r") == "\\x1b\\r"
 
 
-def test_cells_of_the_fleets_table_are_text() -> None:
-    rows = [failed_row("=cmd|' /C calc'!A0", "@x\x1b\n+1"), {**failed_row("+a", "-b"), "fx": -1.5}]
-    lines = as_csv(rows).splitlines()
-    assert lines[1].startswith("'=cmd") and "'@x\\x1b\\n+1" in lines[1]
-    assert lines[2].startswith("'+a") and "'-b" in lines[2] and lines[2].endswith(",-1.5")
+HOSTILE_NAMES = [
+    *("=cmd|' /C calc'!A0", "+1", "-1", "@x", "\uff1d1+1", " =1", "\t=1", "\r=1", 'a"b,c\nd', "a;=1;b"),
+    *("\x1b[31m\x00\x07\x7f\x85", "\u202eevil\u2066", "\udcff", "\U000e0001"),
+]
+
+
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+def test_cells_of_the_fleets_table_are_text(name) -> None:
+    text = as_csv([{**failed_row(name, name), "fx": -1.5}])
+    header, row = csv.reader(io.StringIO(text))
+    assert text.isprintable() or all(character.isprintable() or character == "\n" for character in text)
+    cells = dict(zip(header, row, strict=True))
+    assert cells["device"] == cells["reason"] and float(cells["fx"]) == -1.5
+    assert cells["device"].lstrip()[0] not in "=+-@\uff1d" and one_line(name) in cells["device"]
+    divided = list(csv.reader(io.StringIO(text.replace(",", ";")), delimiter=";"))
+    assert not any(cell.startswith("=") for line in divided for cell in line)
+
+
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+@pytest.mark.parametrize("form", [json_text, readable_json])
+def test_json_escapes_what_cannot_be_seen_and_says_the_same(form, name) -> None:
+    text = form({name: [name, "θ µ"]})
+    assert printable(text) == text and json.loads(text) == {name: [name, "θ µ"]}
 
 
 def test_a_page_shows_names_plainly(monkeypatch) -> None:
