@@ -13,6 +13,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from fisheye_ep_calib.errors import InputError, first_line
+from fisheye_ep_calib.plain_text import shown
+from fisheye_ep_calib.ros.parameter_services import guard_services
 
 
 @dataclass(frozen=True)
@@ -52,12 +54,12 @@ class Entry:
         """Why the value cannot be taken, or an empty text."""
         if isinstance(self.default, float):
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                return f"must be a number, not {value!r}"
+                return f"must be a number, not {shown(value)}"
             low, high = self._bounds()
             if not low <= value <= high:
                 return f"must lie between {low:g} and {high:g}, not {value:g}"
         if self.choices and value not in self.choices:
-            return f"must be one of {', '.join(self.choices)}, not {value!r}"
+            return f"must be one of {', '.join(self.choices)}, not {shown(value)}"
         return ""
 
     def _bounds(self) -> tuple[float, float]:
@@ -76,9 +78,11 @@ def node_with_what_was_given(name: str, kind: type[Node] = Node) -> Node:
     kind: its class. Raises InputError.
     """
     try:
-        return kind(name, automatically_declare_parameters_from_overrides=True)
+        node = kind(name, automatically_declare_parameters_from_overrides=True)
     except ValueError as error:  # of an empty list, which has no type; rclpy does not say whose
         raise InputError(f"a parameter has no value: give it one, or leave it out ({first_line(error)})") from None
+    guard_services(node)
+    return node
 
 
 class ParameterTable:

@@ -16,7 +16,7 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from live_processes import LATCHED, at_this_load, wait_for
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersAtomically
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sensor_msgs.srv import SetCameraInfo
@@ -303,3 +303,30 @@ def test_parameters_are_described_bounded_and_tuned(start_calibrator, probe, cam
     refused = change("novelty.size", ParameterType.PARAMETER_STRING, string_value="wide")
     assert not refused.successful and "must be a number" in refused.reason
     assert not change("workers", ParameterType.PARAMETER_INTEGER, integer_value=3).successful
+
+
+HOSTILE_VALUES = [
+    ParameterValue(type=ParameterType.PARAMETER_NOT_SET),
+    ParameterValue(type=99),  # there is no such type
+    ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float("nan")),
+    ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=1e308),
+    ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=-(2**63)),
+    ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="\x1b[31m\n&a [*a]" * 100_000),
+    ParameterValue(type=ParameterType.PARAMETER_STRING_ARRAY, string_array_value=["a"] * 10_000),
+]
+
+
+@pytest.mark.parametrize("name", ["minimum_views", "goal_mm", "target", "misspelt\x1b[31m", ""])
+def test_whatever_is_asked_of_parameters_is_refused_with_its_reason(start_calibrator, probe, camera_file, name) -> None:
+    calibrator = start_calibrator(cameras="[front]", front__camera_file=camera_file)
+    for kind in (SetParameters, SetParametersAtomically):
+        service = "set_parameters" if kind is SetParameters else "set_parameters_atomically"
+        for value in HOSTILE_VALUES:
+            request = kind.Request(parameters=[Parameter(name=name, value=value)])
+            answer = probe.call(kind, f"/calibrator/{service}", request)
+            result = answer.results[0] if kind is SetParameters else answer.result
+            assert not result.successful and result.reason.isprintable() and len(result.reason) <= 310
+            assert name.replace("\x1b", "\\x1b") in result.reason and result.reason
+    assert "parameters stay as they are: " in calibrator.output
+    assert "Traceback" not in calibrator.output and max(map(len, calibrator.output.splitlines())) < 500
+    assert calibrator.interrupt()[0] == 0
