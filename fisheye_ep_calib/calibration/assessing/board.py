@@ -8,6 +8,7 @@ import numpy as np
 
 from fisheye_ep_calib.calibration.assessing.view_changes import BOARD_FLEXES, view_changes
 from fisheye_ep_calib.calibration.estimating.fit import Fit
+from fisheye_ep_calib.calibration.estimating.joint_posterior import LENS_GROUPS
 from fisheye_ep_calib.calibration.estimating.joint_variances import joint_variances
 from fisheye_ep_calib.calibration.estimating.shape_estimate import GATE, linearised
 from fisheye_ep_calib.calibration.estimating.view_effects import FLEX, IN_PLANE
@@ -69,7 +70,7 @@ def _bent_beside_flex(fit: Fit) -> bool:
         found = joint_variances(fit)
         if not view_changes(found).raised(BOARD_FLEXES):
             return True
-        estimate = found.most_likely((*GROUPS, FLEX, IN_PLANE))
+        estimate = found.most_likely((*GROUPS, *LENS_GROUPS, FLEX, IN_PLANE))  # as the error budget has it
     except np.linalg.LinAlgError:  # the views leave something open
         return True
     return bool(gains(*estimate)[_HEIGHTS].max() >= GATE)

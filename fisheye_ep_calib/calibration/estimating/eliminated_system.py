@@ -117,9 +117,10 @@ class Factored:
         inverse, transposed = self._inverse_factor, self.block_factor.transpose(0, 2, 1)
         blocks = (self.block_factor**2).sum(axis=1).reshape(-1)
         if len(inverse) and blocks.size:
-            coupled = (transposed @ (self.half * self.scale)).reshape(len(blocks), -1)
-            spread = blas.dtrmm(1.0, inverse, coupled.T, lower=1)  # half of what a full product costs
-            blocks = blocks + np.einsum("dk,dk->k", spread, spread)
+            coupled = (transposed @ self.half).reshape(len(blocks), -1)
+            # Half of what a full product costs.
+            spread = blas.dtrmm(1.0, inverse * self.scale, coupled.T, lower=1, overwrite_b=1).T
+            blocks = blocks + np.einsum("kd,kd->k", spread, spread)
         return self._by_kind((inverse**2).sum(axis=0) * self.scale**2, blocks)
 
     @cached_property

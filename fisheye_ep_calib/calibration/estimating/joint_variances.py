@@ -6,7 +6,7 @@ from the best of a few sizes, one after the other, on top of the shape's groups.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -45,7 +45,7 @@ class JointVariances:
         self._near = near
         self._always = always
         self._found: dict[tuple[str, ...], tuple[Variances, JointPosterior]] = {}
-        self._trials: dict[tuple[bytes, float], Likelihood] = {}
+        self._trials: dict[tuple[bytes, float], tuple[Variances, float]] = {}
 
     @staticmethod
     def index(group: str) -> int:
@@ -85,48 +85,48 @@ class JointVariances:
         own = [groups for groups in own if groups]
         if not own:
             return self._settled(*self._start(wanted))
-        variances, posterior = self._most_likely({name for name in wanted if name in GROUPS})
-        without = (replace(variances, noise=posterior.noise), posterior)
-        best, likelihood = min(self._starts(*without, own), key=_deviance)
-        if best is without[0]:
+        without = self._most_likely({name for name in wanted if name in GROUPS})
+        tried, deviance = self._best_start(*without, own)
+        if tried is without[0]:
             return without
-        deviation, shape = best.deviation.copy(), [GROUPS.index(name) for name in wanted if name in GROUPS]
+        deviation, shape = tried.deviation.copy(), [GROUPS.index(name) for name in wanted if name in GROUPS]
         deviation[shape] = np.maximum(
             deviation[shape], REVIVED_DEVIATION
         )  # some may have vanished in what was noise then
-        settled = self._settled(Variances(deviation, likelihood.noise), from_nothing=False)
-        return settled if _deviance(settled) <= likelihood.deviance(best) else (best, self.linearisation(best))
+        settled = self._settled(replace(tried, deviation=deviation), from_nothing=False)
+        return settled if _deviance(settled) <= deviance else self._settled(tried, from_nothing=False)
 
-    def _starts(
+    def _best_start(
         self, variances: Variances, likelihood: Likelihood, own: Sequence[Sequence[int]]
-    ) -> Iterator[tuple[Variances, Likelihood]]:
-        """What is there, and with further groups at a few τ, the best of those before kept.
+    ) -> tuple[Variances, float]:
+        """What is there, or that with further groups, each at the best of a few τ, and −2 log-likelihood.
 
-        σ falls with every group that is kept: at the first σ, what explains less than that would be missed.
+        σ falls with every group that is kept: at the first σ, what explains less than that would be missed. So each has
+        its likeliest σ.
         """
-        best = (variances, likelihood)
-        yield best
+        best = (variances, likelihood.deviance(variances))
         for groups in own:
-            trials: list[tuple[Variances, Likelihood]] = []
+            unit = np.array([self.linearisation.effect_of_unit(group) for group in groups])
+            trials: list[tuple[Variances, float]] = []
             for size in _TRIED:
                 deviation = best[0].deviation.copy()
-                unit = [self.linearisation.effect_of_unit(group) for group in groups]
-                deviation[groups] = size * best[0].noise / np.array(unit)
-                trial = replace(best[0], deviation=deviation)
-                trials.append((trial, self._tried(trial)))
-                if len(trials) == 2 and _deviance(trials[1]) < _deviance(trials[0]):
+                deviation[groups] = size * best[0].noise / unit
+                trials.append(self._tried(replace(best[0], deviation=deviation)))
+                if len(trials) == 2 and trials[1][1] < trials[0][1]:
                     break  # more is better, and so less is not
-            found = min((best, *trials), key=_deviance)
-            if found is not best:
-                quieter = replace(found[0], noise=found[1].noise)
-                best = (quieter, self._tried(quieter))
-            yield from (*trials, best)
+            best = min((best, *trials), key=lambda trial: trial[1])
+        return best
 
-    def _tried(self, variances: Variances) -> Likelihood:
-        """The likelihood of variances from which searches start: several start from the same."""
+    def _tried(self, variances: Variances) -> tuple[Variances, float]:
+        """These τ with the likeliest σ, and −2 log-likelihood of that σ with all τ in proportion, which costs nothing.
+
+        Several searches start from the same.
+        """
         key = variances.deviation.tobytes(), variances.noise
         if key not in self._trials:
-            self._trials[key] = self.linearisation.likelihood(variances)
+            likelihood = self.linearisation.likelihood(variances)
+            noise = likelihood.noise
+            self._trials[key] = replace(variances, noise=noise), likelihood.deviance(variances.at(noise))
         return self._trials[key]
 
     def _settled(self, start: Variances, from_nothing: bool) -> tuple[Variances, JointPosterior]:

@@ -105,14 +105,19 @@ class BlockSystem:
         return int(self.blocks.shape[0] * self.blocks.shape[1])
 
     def reduced(self) -> tuple[np.ndarray, np.ndarray]:
-        """R (d, d) and D⁻¹ G (k, b, d).
+        """R (d, d) and D⁻¹ G (k, b, d)."""
+        factor, half, reduced = self._reduced(self.blocks)
+        return reduced, factor.transpose(0, 2, 1) @ half
 
-        With D = L Lᵀ, Gᵀ D⁻¹ G = Wᵀ W of W = L⁻¹ G: a product of a matrix with itself costs half of another.
+    def _reduced(self, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """L⁻¹ (k, b, b) of D = L Lᵀ, which may have more on its diagonal; W = L⁻¹ G (k, b, d) and R (d, d).
+
+        Gᵀ D⁻¹ G = Wᵀ W: a product of a matrix with itself costs half of another.
         """
-        factor = np.linalg.inv(np.linalg.cholesky(self.blocks))
+        factor = np.linalg.inv(np.linalg.cholesky(blocks))
         half = factor @ self.coupling
         flat = half.reshape(self._rows, -1)
-        return self.dense - flat.T @ flat, factor.transpose(0, 2, 1) @ half
+        return factor, half, self.dense - flat.T @ flat
 
     def solve(self, right: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The unknowns of each kind for right sides (unknowns of the kind, r), of the same shapes."""
@@ -121,12 +126,12 @@ class BlockSystem:
         for name, (is_dense, place) in self.places.items():
             if is_dense:
                 dense_right[place] = right[name]
-            else:
-                own = right[name].reshape(*self.blocks.shape[:2], columns)
-        reduced, solved = self.reduced()
-        flat = solved.reshape(self._rows, -1)
-        dense = solve_scaled(reduced, dense_right - flat.T @ own.reshape(self._rows, columns))
-        blocks = np.linalg.solve(self.blocks, own).reshape(self._rows, columns) - flat @ dense
+        factor, half, reduced = self._reduced(self.blocks)
+        flat, shape = half.reshape(self._rows, -1), (*self.blocks.shape[:2], columns)
+        own = (factor @ right[self.block_kind].reshape(shape)).reshape(self._rows, columns)
+        dense = solve_scaled(reduced, dense_right - flat.T @ own)
+        blocks = factor.transpose(0, 2, 1) @ (own - flat @ dense).reshape(shape)
+        blocks = blocks.reshape(self._rows, columns)
         return {name: dense[place] if is_dense else blocks for name, (is_dense, place) in self.places.items()}
 
     @property
@@ -142,11 +147,10 @@ class BlockSystem:
                 dense[place] = gradient[name]
         blocks, diagonal = self.blocks.copy(), np.arange(self.blocks.shape[-1])
         blocks[:, diagonal, diagonal] += penalty.reshape(len(blocks), -1)
-        factor = np.linalg.inv(np.linalg.cholesky(blocks))
-        half = factor @ self.coupling
+        factor, half, reduced = self._reduced(blocks)
         own = factor @ gradient[self.block_kind].reshape(*blocks.shape[:2], 1)
         flat = half.reshape(self._rows, -1)
-        return Eliminated(self.places, factor, half, own, self.dense - flat.T @ flat, dense - flat.T @ own.reshape(-1))
+        return Eliminated(self.places, factor, half, own, reduced, dense - flat.T @ own.reshape(-1))
 
 
 def solve_scaled(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ class ShapeProducts:
     def __init__(self, shape: ShapeModel, views: int, view_size: int, shared_size: int, has_discs: bool) -> None:
         self._shape = shape
         count, local = len(shape.nominal), LOCAL if has_discs else 3
-        self._pose = np.zeros((views, view_size, local, count + 1))  # padding goes to a point of its own
+        self._pose = np.zeros((views, view_size, local, count))
         self._shared = np.zeros((shared_size + 1, local, count))
         self._own = np.zeros((local, local, count))
 
@@ -32,17 +32,18 @@ class ShapeProducts:
         weighted = d_local * weights**2
         own_columns, *shared = *parts, d_local
         count = self._own.shape[-1]
-        place = np.where(block.real, block.points, count)
-        products = _products(own_columns, weighted)
+        products, seen = _products(own_columns, weighted), block.real.sum(axis=1)
         for slot, view in enumerate(block.views):
-            self._pose[view][..., place[slot]] = products[:, :, slot]
+            real = slice(seen[slot])  # padding comes last
+            self._pose[view][..., block.points[slot, real]] = products[:, :, slot, real]
         total = np.concatenate([_products(part, weighted) for part in shared])
         if block.real.all() and (block.points == block.points[0]).all():
             # Every view shows the same points: sums need no sorting.
             by_point = np.zeros((*total.shape[:2], count))
             by_point[..., block.points[0]] = total.sum(axis=2)
         else:
-            flat, where = total.reshape(-1, place.size), place.reshape(-1)
+            where = np.where(block.real, block.points, count).reshape(-1)
+            flat = total.reshape(-1, where.size)
             by_point = np.stack([np.bincount(where, row, count + 1)[:count] for row in flat])
             by_point = by_point.reshape(*total.shape[:2], count)
         columns = len(self._shared)
@@ -50,26 +51,31 @@ class ShapeProducts:
         self._own += by_point[columns:]
 
     def equations(self) -> ShapeEquations:
-        local, count = self._own.shape[1:]
-        fields, axes = self._shape.fields[:, :local], self._shape.point_axes
-        flat = fields.transpose(1, 0, 2).reshape(local * count, -1)
-        is_rough, same_axes = self._shape.rough_size > 0, bool((axes == axes[0]).all())
+        shape, (local, count) = self._shape, self._own.shape[1:]
+        fields, smooth = shape.fields[:, :local], shape.smooth_size
+        flat = np.ascontiguousarray(fields.transpose(1, 0, 2)).reshape(local * count, smooth)
+        axes = shape.point_axes
+        same_axes = bool((axes == axes[0]).all())
 
         def by_unknown(products: np.ndarray) -> np.ndarray:
             """Products (..., L, n) with the local deformations as those with the shape's unknowns (..., K)."""
-            smooth: FloatArray = products.reshape(*products.shape[:-2], local * count) @ flat
-            if not is_rough:
-                return smooth
-            shifts = np.swapaxes(products[..., :3, :], -1, -2)
-            rough = shifts @ axes[0] if same_axes else (shifts[..., None, :] @ axes)[..., 0, :]
-            return np.concatenate([smooth, rough.reshape(*rough.shape[:-2], count * 3)], axis=-1)
+            leading = products.shape[:-2]
+            unknowns = np.empty((*leading, shape.size))
+            unknowns[..., :smooth] = (products.reshape(-1, local * count) @ flat).reshape(*leading, smooth)
+            if shape.rough_size:
+                shifts, rough = products[..., :3, :], unknowns[..., smooth:].reshape(*leading, count, 3)
+                along = (
+                    axes[0].T @ shifts if same_axes else (shifts[..., None, :] * axes.transpose(1, 2, 0)).sum(axis=-3)
+                )
+                for axis in range(3):  # one by one: runs of three numbers are slow to copy
+                    rough[..., axis] = along[..., axis, :]
+            return unknowns
 
         shared = by_unknown(self._shared)
         own_smooth = np.einsum("nlk,lmn->kmn", fields, self._own, optimize=True)
         own = self._own[:3, :3].transpose(2, 0, 1)
-        rough = np.swapaxes(axes, 1, 2) @ own @ axes if is_rough else np.zeros((0, 3, 3))
-        pose = by_unknown(np.ascontiguousarray(self._pose[..., :count]))
-        return ShapeEquations(pose, shared[:-1], by_unknown(own_smooth), rough, shared[-1])
+        rough = np.swapaxes(axes, -1, -2) @ own @ axes if shape.rough_size else np.zeros((0, 3, 3))
+        return ShapeEquations(by_unknown(self._pose), shared[:-1], by_unknown(own_smooth), rough, shared[-1])
 
 
 def _products(columns: np.ndarray, weighted: np.ndarray) -> np.ndarray:

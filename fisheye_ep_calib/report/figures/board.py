@@ -29,7 +29,9 @@ def draw_board(axes: Axes, board: BoardShape) -> float:
     size = max(float(np.ptp(place, axis=0).max()), 1e-9)
     if board.frame.planar and len(place) > 3 and np.ptp(place, axis=0).min() > 1e-3 * size:
         axes.tripcolor(place[:, 0], place[:, 1], height, shading="gouraud", rasterized=True, **colours)
-    points = axes.scatter(place[:, 0], place[:, 1], c=height, s=14, edgecolors=INK, linewidths=0.4, zorder=2, **colours)
+    points = axes.scatter(
+        place[:, 0], place[:, 1], c=height, s=14, edgecolors=INK, linewidths=0.4, zorder=2, rasterized=True, **colours
+    )
     factor = magnification(np.linalg.norm(moved[:, :2], axis=1), size / 18)
     axes.quiver(
         *place.T,
@@ -39,7 +41,8 @@ def draw_board(axes: Axes, board: BoardShape) -> float:
         scale=1,
         width=0.005,
         color=SERIES[3],
-        zorder=3,
+        zorder=2.5,
+        rasterized=True,
     )
     bar = axes.figure.colorbar(points, ax=axes, **BAR)
     bar.set_label("height, mm")

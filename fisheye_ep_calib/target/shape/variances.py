@@ -32,8 +32,7 @@ from fisheye_ep_calib.arrays import FloatArray
 
 _MACKAY_STEPS = 2
 _MOST_STEPS = 30
-_SETTLED = 0.03  # relative change of every τ
-_SAME = 0.5  # of −2 log-likelihood, a twentieth of what tells two models apart: steps that change less change no answer
+_SAME = 0.5  # of −2 log-likelihood, a twentieth of what tells two models apart: a step that gains less is not taken
 _LEAST = 2e-8  # metres: what is less is none
 
 
@@ -49,6 +48,10 @@ class Variances:
         """σ²/τ² (G,), px²/m²; infinite where a group is left out."""
         with np.errstate(divide="ignore"):
             return self.noise**2 / self.deviation**2
+
+    def at(self, noise: float) -> Variances:
+        """With another σ and every τ in proportion: penalties, and so the posterior, are the same."""
+        return Variances(self.deviation * (noise / self.noise), noise)
 
     def without(self, group: int) -> Variances:
         deviation = self.deviation.copy()
@@ -99,20 +102,20 @@ LikelihoodOf = Callable[[Variances], Likelihood]
 def most_likely(posterior_of: PosteriorOf, start: Variances, from_nothing: bool = True) -> tuple[Variances, Posterior]:
     """The variances from a start on, and the posterior under them. A group once left out stays out.
 
+    σ is the likeliest under the penalties, σ² = F / ν: F is the same for all σ and τ in that proportion.
     from_nothing: the start is a mere guess, from which the first steps are MacKay's.
     """
     variances, posterior = start, posterior_of(start)
-    sure_steps = _MACKAY_STEPS if from_nothing else 0
-    deviance = posterior.deviance(variances)
     for step in range(_MOST_STEPS):
-        updated = _mackay_step(posterior, variances) if step < sure_steps else _group_step(posterior, variances)
-        kept = variances.deviation > 0
-        change = np.abs(updated.deviation[kept] / variances.deviation[kept] - 1).max(initial=0.0)
-        before, variances, posterior = deviance, updated, posterior_of(updated)
-        deviance = posterior.deviance(variances)
-        if change < _SETTLED or abs(before - deviance) < _SAME:
-            break
-    return variances, posterior
+        variances = variances.at(posterior.noise)
+        if from_nothing and step < _MACKAY_STEPS:
+            updated = _mackay_step(posterior, variances)
+        else:
+            updated, gain = _group_step(posterior, variances)
+            if gain < _SAME:
+                break
+        variances, posterior = updated, posterior_of(updated)
+    return variances.at(posterior.noise), posterior
 
 
 def _mackay_step(posterior: Posterior, variances: Variances) -> Variances:
@@ -122,16 +125,29 @@ def _mackay_step(posterior: Posterior, variances: Variances) -> Variances:
     return _with(variances, np.sqrt(square / np.maximum(determined, 1e-12)), posterior.noise)
 
 
-def _group_step(posterior: Posterior, variances: Variances) -> Variances:
-    """Every group's best τ with the others as they are."""
-    share = posterior.determined(variances)
-    square = (posterior.value / share) ** 2
-    doubt = variances.noise**2 * posterior.variance / share
-    deviation = np.zeros(len(variances.deviation))
+def _group_step(posterior: Posterior, variances: Variances) -> tuple[Variances, float]:
+    """Every group's best τ with the others as they are, and by how much −2 log-likelihood falls were they apart."""
+    square, doubt = _beside_others(posterior, variances)
+    deviation, gain = np.zeros(len(variances.deviation)), 0.0
     for group in np.unique(posterior.group):
         own = posterior.group == group
-        deviation[group] = np.sqrt(_best_variance(square[own], doubt[own], variances.deviation[group] ** 2))
-    return _with(variances, deviation, posterior.noise)
+        before = variances.deviation[group] ** 2
+        best = _best_variance(square[own], doubt[own], before)
+        deviation[group] = np.sqrt(best)
+        gain += _deviance_of(before, square[own], doubt[own]) - _deviance_of(best, square[own], doubt[own])
+    return _with(variances, deviation, posterior.noise), gain
+
+
+def _beside_others(posterior: Posterior, variances: Variances) -> tuple[np.ndarray, np.ndarray]:
+    """Squares (K,) of what the data say of each coefficient beside all others, and the variances v (K,) of that."""
+    share = posterior.determined(variances)
+    return (posterior.value / share) ** 2, variances.noise**2 * posterior.variance / share
+
+
+def _deviance_of(variance: float, square: np.ndarray, doubt: np.ndarray) -> float:
+    """−2 log-likelihood of independent values with these squares (n,), each N(0, τ² + doubt)."""
+    whole = variance + doubt
+    return float((square / whole + np.log(whole)).sum())
 
 
 def _best_variance(square: np.ndarray, doubt: np.ndarray, start: float) -> float:
@@ -192,9 +208,7 @@ def gains(variances: Variances, posterior: Posterior) -> np.ndarray:
     Of values q_k beside all others, each N(0, τ² + v_k) with the group and N(0, v_k) without it (the module's head):
     Σ_k q_k²/v_k − q_k²/(τ² + v_k) − log(1 + τ²/v_k).
     """
-    share = posterior.determined(variances)
-    square = (posterior.value / share) ** 2
-    doubt = variances.noise**2 * posterior.variance / share
+    square, doubt = _beside_others(posterior, variances)
     own = variances.deviation[posterior.group] ** 2
     each = square / doubt - square / (own + doubt) - np.log1p(own / doubt)
     return np.bincount(posterior.group, each, len(variances.deviation))
