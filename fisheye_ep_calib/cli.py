@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 
 from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.plain_text import one_line, plain_streams
@@ -43,6 +44,8 @@ def _main(arguments: Sequence[str] | None) -> int:
             return _complete()
         if arguments is None:  # the process is this command's own
             _calculate_in_one_thread()
+            if not sys.warnoptions:  # NumPy's words on a number out of bounds are not for the user of a command
+                warnings.filterwarnings("ignore", category=RuntimeWarning)
             gc.set_threshold(_OBJECTS)
         parser = _parser(words)
         for stream in (sys.stdout, sys.stderr):

@@ -16,11 +16,13 @@ import yaml
 
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, camera_info_content, plain_camera_info
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.file_values import mapping, needed, numbers
 from fisheye_ep_calib.formats.foreign_camera import ForeignCamera, fisheye_camera, pinhole_camera
 from fisheye_ep_calib.formats.format import Format, Named, Written
 from fisheye_ep_calib.formats.opencv_text import matrix_of, plain_data
 from fisheye_ep_calib.formats.placed_camera import PlacedCamera, floats, statement
 from fisheye_ep_calib.formats.stereo import rectified_pair
+from fisheye_ep_calib.plain_text import shown
 
 _PINHOLES = ("plumb_bob", "rational_polynomial", "none", "")
 
@@ -59,19 +61,20 @@ def read(text: str) -> list[ForeignCamera]:
 
 
 def camera_of(content: dict[str, Any]) -> ForeignCamera:
-    """The camera of a CameraInfo's keys. Raises InputError, KeyError, TypeError or ValueError."""
+    """The camera of a CameraInfo's keys. Raises InputError."""
     name = content.get("camera_name", "camera")
     if not isinstance(name, str | int | float):
         raise InputError("camera_name must be text")
-    model = content["distortion_model"]
-    size = content["image_width"], content["image_height"]
-    matrix = matrix_of({"rows": 3, "cols": 3, "data": content["camera_matrix"]["data"]})
-    distortion = [float(value) for value in content["distortion_coefficients"]["data"]]
+    model = needed(content, "distortion_model")
+    size = needed(content, "image_width"), needed(content, "image_height")
+    grid, bends = (mapping(needed(content, key), key) for key in ("camera_matrix", "distortion_coefficients"))
+    matrix = matrix_of({"rows": 3, "cols": 3, "data": needed(grid, "data")})
+    distortion = numbers(needed(bends, "data"), "distortion_coefficients: data")
     if model == "equidistant":
         return ForeignCamera(str(name), fisheye_camera(size, matrix, distortion), model)
     if model not in _PINHOLES:
         raise InputError(
-            f"distortion_model {model!r} is not known here; known: equidistant, {', '.join(_PINHOLES[:3])}"
+            f"distortion_model {shown(model)} is not known here; known: equidistant, {', '.join(_PINHOLES[:3])}"
         )
     return ForeignCamera(str(name), pinhole_camera(size, np.array(matrix), distortion), str(model))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.file_values import numbers
 
 PINHOLE_TERMS = (0, 4, 5, 8, 12, 14)  # numbers of coefficients that OpenCV's distortion may have
 MOST_PIXELS = 1 << 16  # a side
@@ -57,6 +58,14 @@ def checked_size(width: int, height: int) -> tuple[int, int]:
     if not (0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS):
         raise InputError(f"an image of {width}×{height} pixels is not possible")
     return width, height
+
+
+def size_of(value: Any, key: str) -> tuple[int, int]:
+    """An image's width and height in a list. Raises InputError."""
+    sides = numbers(value, key, 2)
+    if not all(side.is_integer() for side in sides):
+        raise InputError(f"{key}: the image's width and height must be whole numbers")
+    return checked_size(int(sides[0]), int(sides[1]))
 
 
 def _grid(matrix: np.ndarray) -> dict[str, Any]:

@@ -15,10 +15,12 @@ import yaml
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.formats.foreign_camera import ForeignCamera, checked_size, fisheye_camera, pinhole_camera
+from fisheye_ep_calib.file_values import needed, numbers
+from fisheye_ep_calib.formats.foreign_camera import ForeignCamera, fisheye_camera, pinhole_camera, size_of
 from fisheye_ep_calib.formats.format import Format, Named, Written
 from fisheye_ep_calib.formats.opencv_text import plain_data
 from fisheye_ep_calib.formats.placed_camera import KANNALA_BRANDT, PlacedCamera, floats, statement
+from fisheye_ep_calib.plain_text import one_line
 
 LENSES = (KANNALA_BRANDT, "double_sphere")
 
@@ -70,16 +72,15 @@ def read(text: str) -> list[ForeignCamera]:
 
 
 def _camera(name: str, block: dict[str, Any]) -> ForeignCamera:
-    kind, bends = str(block["camera_model"]), str(block["distortion_model"])
-    values = floats(block["intrinsics"])
-    distortion = floats(block["distortion_coeffs"])
-    width, height = block["resolution"]
+    kind, bends = one_line(block["camera_model"], 60), one_line(needed(block, "distortion_model"), 60)
+    values = numbers(needed(block, "intrinsics"), f"{name}: intrinsics")
+    distortion = numbers(needed(block, "distortion_coeffs"), f"{name}: distortion_coeffs")
+    size = size_of(needed(block, "resolution"), f"{name}: resolution")
     model = f"{kind}-{bends}"
-    matrix = np.array([[values[-4], 0, values[-2]], [0, values[-3], values[-1]], [0, 0, 1]])
-    size = checked_size(width, height)
     lengths = {"pinhole": 4, "ds": 6, "omni": 5}
     if kind not in lengths or len(values) != lengths[kind]:
         raise InputError(f"{name}: {kind!r} with {len(values)} intrinsics is not known here")
+    matrix = np.array([[values[-4], 0, values[-2]], [0, values[-3], values[-1]], [0, 0, 1]])
     if model == "pinhole-equidistant":
         camera = fisheye_camera(size, matrix, distortion)
     elif kind == "pinhole" and bends in ("radtan", "none"):

@@ -26,9 +26,11 @@ import numpy as np
 
 from fisheye_ep_calib.camera import FAR, FisheyeCamera
 from fisheye_ep_calib.errors import InputError, first_line
-from fisheye_ep_calib.formats.foreign_camera import ForeignCamera, checked_size, pinhole_camera
+from fisheye_ep_calib.file_values import needed, numbers
+from fisheye_ep_calib.formats.foreign_camera import ForeignCamera, pinhole_camera, size_of
 from fisheye_ep_calib.formats.format import Format, Named, Written
 from fisheye_ep_calib.formats.placed_camera import PlacedCamera, floats, statement
+from fisheye_ep_calib.plain_text import one_line
 from fisheye_ep_calib.rotation import vector_from_rotation
 
 _TERMS = 3  # e0, e1, e2
@@ -112,19 +114,20 @@ def read(text: str) -> list[ForeignCamera]:
         raise InputError(f"not a cameramodel: {first_line(error)}") from None
     if not isinstance(content, dict):
         raise InputError("a cameramodel is a dict")
-    model = str(content["lensmodel"])
+    model = one_line(needed(content, "lensmodel"))
     match = _MODEL.fullmatch(model)
     if not match:
         raise InputError(
             f"{model[:80]} is not known here; known: PINHOLE, STEREOGRAPHIC, OPENCV4 to 12, CAHVOR, CAHVORE; "
             "mrcal-convert-lensmodel makes one of those of it"
         )
-    width, height = content["imagersize"]
-    size = checked_size(int(width), int(height))
-    values = floats(content["intrinsics"])
+    size = size_of(needed(content, "imagersize"), "imagersize")
+    values = numbers(needed(content, "intrinsics"), "intrinsics")
     kind = match[1]
     if kind.startswith("CAHVOR"):
         return [_cahvor(size, values, model, 1.0 if match[2] is None else float(match[2]), match[2] is not None)]
+    if len(values) < 4:
+        raise InputError(f"{model} takes 4 intrinsics at least, not {len(values)}")
     fx, fy, cx, cy, *distortion = values
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     expected = int(kind.removeprefix("OPENCV")) if kind.startswith("OPENCV") else 0

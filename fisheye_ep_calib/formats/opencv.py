@@ -16,7 +16,9 @@ import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.formats.foreign_camera import ForeignCamera, fisheye_camera, pinhole_camera
+from fisheye_ep_calib.file_values import matrix as matrix_in_list
+from fisheye_ep_calib.file_values import numbers
+from fisheye_ep_calib.formats.foreign_camera import ForeignCamera, fisheye_camera, pinhole_camera, size_of
 from fisheye_ep_calib.formats.format import Format, Named, Written
 from fisheye_ep_calib.formats.opencv_text import matrix_of, plain_data, xml_data
 from fisheye_ep_calib.formats.placed_camera import PlacedCamera, statement
@@ -83,15 +85,23 @@ def read(text: str) -> list[ForeignCamera]:
         if matrix is None or distortion is None:
             continue
         name = str(keys.get(f"name{number}", f"camera{number}" if number else "camera"))
-        cameras.append(_camera(name, _array(matrix), _array(distortion).ravel().tolist(), keys, number))
+        cameras.append(_camera(name, _grid(matrix), _values(distortion, "distortion coefficients"), keys, number))
     if not cameras:
         raise InputError("no camera matrix with distortion coefficients is in it, under names known here")
     return cameras
 
 
-def _array(value: Any) -> np.ndarray:
-    """A matrix as OpenCV writes it, or a list of numbers."""
-    return matrix_of(value) if isinstance(value, dict) else np.array(value, dtype=float)
+def _grid(value: Any) -> np.ndarray:
+    """A camera matrix as OpenCV writes it, or as a list."""
+    return matrix_of(value) if isinstance(value, dict) else matrix_in_list(value, "the camera matrix", 3, 3)
+
+
+def _values(value: Any, key: str) -> list[float]:
+    """The numbers of a matrix as OpenCV writes it, of a list, or of a list of lists."""
+    if isinstance(value, dict):
+        return [float(element) for element in matrix_of(value).ravel()]
+    rows = value if isinstance(value, list) else [value]
+    return numbers([element for row in rows for element in (row if isinstance(row, list) else [row])], key)
 
 
 def _camera(name: str, matrix: np.ndarray, values: list[float], keys: dict[str, Any], number: str) -> ForeignCamera:
@@ -111,12 +121,10 @@ def _image_size(keys: dict[str, Any], number: str) -> tuple[int, int]:
     for end in dict.fromkeys((number, "")):
         size = _found(keys, _SIZE, end)
         if size is not None:
-            width, height = (int(value) for value in _array(size).ravel())
-            return width, height
+            return size_of(_values(size, "the image's size"), "the image's size")
         sizes = [_found(keys, names, end) for names in (_WIDTH, _HEIGHT)]
         if None not in sizes:
-            width, height = (int(value) for value in sizes if value is not None)
-            return width, height
+            return size_of(sizes, "the image's size")
     raise InputError("it does not say the size of the images: add the keys image_width and image_height")
 
 

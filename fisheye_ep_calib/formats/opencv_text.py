@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError, first_line
+from fisheye_ep_calib.file_values import matrix, needed
 from fisheye_ep_calib.yaml_file import parse_yaml
 
 MOST_VALUES = 1 << 16  # of one matrix
@@ -18,11 +19,11 @@ MOST_VALUES = 1 << 16  # of one matrix
 
 def matrix_of(keys: dict[Any, Any]) -> np.ndarray:
     """The matrix (rows, cols) of the keys rows, cols and data, as OpenCV writes one. Raises InputError."""
-    rows, columns, data = keys["rows"], keys["cols"], keys["data"]
+    rows, columns, data = (needed(keys, key) for key in ("rows", "cols", "data"))
     sizes_known = isinstance(rows, int) and isinstance(columns, int) and isinstance(data, list)
     if not sizes_known or not 0 <= rows * columns <= MOST_VALUES or len(data) != rows * columns:
         raise InputError("a matrix whose data do not fit its rows and cols")
-    return np.array([float(value) for value in data]).reshape(rows, columns)
+    return matrix(data, "data", rows, columns)
 
 
 def plain_data(text: str) -> dict[str, Any]:
@@ -46,7 +47,7 @@ def xml_data(text: str) -> dict[str, Any]:
 
 def _value(element: ElementTree.Element) -> Any:
     if element.get("type_id") == "opencv-matrix":
-        rows, columns = (int(element.findtext(key, "")) for key in ("rows", "cols"))
+        rows, columns = (_number(element.findtext(key, "")) for key in ("rows", "cols"))
         data: list[Any] = (element.findtext("data") or "").split()
         return {"rows": rows, "cols": columns, "data": data}
     if len(element):

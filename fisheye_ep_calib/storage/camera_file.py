@@ -22,11 +22,12 @@ from fisheye_ep_calib.camera.parameters import PIXEL_NAMES
 from fisheye_ep_calib.errors import CalibrationError, InputError, first_line
 from fisheye_ep_calib.formats import Format
 from fisheye_ep_calib.formats.mrcal import without_inputs
+from fisheye_ep_calib.formats.placed_camera import floats
 from fisheye_ep_calib.formats.reading import origin, read_foreign, recognised, stand_in_of
 from fisheye_ep_calib.outside import read_text_outside
 from fisheye_ep_calib.plain_text import one_line
 from fisheye_ep_calib.storage.atomic import atomic_write
-from fisheye_ep_calib.storage.camera_file_parsing import LONGEST_TEXT, SCHEMA, CameraFile, floats, parse_camera_file
+from fisheye_ep_calib.storage.camera_file_parsing import LONGEST_TEXT, SCHEMA, CameraFile, parse_camera_file
 from fisheye_ep_calib.target.shape.content import board_content
 from fisheye_ep_calib.version import __version__
 from fisheye_ep_calib.yaml_file import MOST_BYTES, parse_yaml

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +10,7 @@ import numpy as np
 from fisheye_ep_calib.camera import KNOWN_EXTRAS, FisheyeCamera
 from fisheye_ep_calib.camera.left_open import PupilLeftOpen
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.file_values import mapping, matrix, needed, number, numbers
 from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.content import parse_board
@@ -47,37 +46,38 @@ class CameraFile:
 
 
 def parse_camera_file(content: dict[str, Any]) -> CameraFile:
-    """Raises InputError, or what NumPy and Python raise, where the content is none of a camera file."""
-    if not isinstance(content, dict):
-        raise InputError("a camera file is a mapping")
+    """Raises InputError where the content is none of a camera file."""
+    mapping(content, "a camera file")
     stand_in = _stand_in(content)
     name = _text(content, "camera_name", "camera")
-    block = content["entrance_pupil"]
-    if block["schema"] != SCHEMA:
+    block = mapping(needed(content, "entrance_pupil"), "entrance_pupil")
+    if needed(block, "schema") != SCHEMA:
         raise InputError(f"schema {shown(block['schema'])} of entrance_pupil is not known here; known: {SCHEMA}")
-    intrinsics = block["intrinsics"]
-    extras = {extra: tuple(floats(block[extra])) for extra in KNOWN_EXTRAS if extra in block}
-    parameters = block.get("parameters", ())
+    grid = mapping(needed(block, "intrinsics"), "intrinsics")
+    fx, fy, cx, cy, skew = (number(needed(grid, key), f"intrinsics: {key}") for key in ("fx", "fy", "cx", "cy", "skew"))
+    extras = {extra: tuple(numbers(block[extra], extra)) for extra in KNOWN_EXTRAS if extra in block}
+    parameters = _names(block.get("parameters", []))
     camera = FisheyeCamera(
         stand_in.image_size,
-        float(intrinsics["fx"]),
-        float(intrinsics["fy"]),
-        float(intrinsics["cx"]),
-        float(intrinsics["cy"]),
-        float(intrinsics["skew"]),
-        tuple(floats(block["radial"])),
+        fx,
+        fy,
+        cx,
+        cy,
+        skew,
+        tuple(numbers(needed(block, "radial"), "radial")),
         _text(block, "model"),
-        tuple(floats(block["coefficients"])),
+        tuple(numbers(needed(block, "coefficients"), "coefficients")),
         {
             extra: values
             for extra, values in extras.items()
             if any(values) or set(KNOWN_EXTRAS[extra].coefficient_names) & set(parameters)
         },
         _text(block, "lens", "kannala_brandt"),
-        float(block.get("theta_max", np.pi)),
+        number(block.get("theta_max", np.pi), "theta_max"),
         _read_left_open(block),
     )
-    svp = block.get("svp", {})
+    svp = mapping(block.get("svp", {}), "svp")
+    loss = mapping(svp.get("loss_px", {}), "svp: loss_px")
     facts = _facts(block)
     calibration = {one_line(key, LONGEST_TEXT): _fact(key, value) for key, value in facts.items() if key != "board"}
     return CameraFile(
@@ -86,32 +86,47 @@ def parse_camera_file(content: dict[str, Any]) -> CameraFile:
         stand_in,
         _covariance(block, camera),
         _stand_in_distance(svp.get("distance", np.inf)),
-        {float(key): float(value) for key, value in svp.get("loss_px", {}).items()},
-        _board_warp(calibration.get("board_warp", ())),
+        {number(key, "svp: loss_px"): number(value, "svp: loss_px") for key, value in loss.items()},
+        _board_warp(calibration.get("board_warp", [])),
         calibration,
-        _checked_table(block.get("projection_uncertainty", {})),
+        _checked_table(mapping(block.get("projection_uncertainty", {}), "projection_uncertainty")),
         None if facts.get("board") is None else parse_board(facts["board"]),
     )
 
 
 def _stand_in(content: dict[str, Any]) -> FisheyeCamera:
     """The single-viewpoint camera of the top level."""
-    if content["distortion_model"] != "equidistant":
+    if needed(content, "distortion_model") != "equidistant":
         raise InputError(f"distortion_model {shown(content['distortion_model'])} is not equidistant")
-    matrix = np.array(floats(content["camera_matrix"]["data"])).reshape(3, 3)
-    size = operator.index(content["image_width"]), operator.index(content["image_height"])
+    grid = matrix(_data(content, "camera_matrix"), "camera_matrix: data", 3, 3)
+    size = _whole(content, "image_width"), _whole(content, "image_height")
     if not (0 < size[0] <= 1 << 16 and 0 < size[1] <= 1 << 16):
         raise InputError(f"an image of {size[0]}×{size[1]} pixels is not possible")
-    distortion = tuple(floats(content["distortion_coefficients"]["data"]))
+    distortion = tuple(numbers(_data(content, "distortion_coefficients"), "distortion_coefficients: data"))
     if len(distortion) != 4:
         raise InputError(f"equidistant takes 4 distortion coefficients, not {len(distortion)}")
-    return FisheyeCamera(
-        size, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], skew=matrix[0, 1], radial=distortion
-    )
+    return FisheyeCamera(size, grid[0, 0], grid[1, 1], grid[0, 2], grid[1, 2], skew=grid[0, 1], radial=distortion)
+
+
+def _data(content: dict[str, Any], key: str) -> Any:
+    return needed(mapping(needed(content, key), key), "data")
+
+
+def _whole(content: dict[str, Any], key: str) -> int:
+    value = needed(content, key)
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise InputError(f"{key} must be a whole number, not {shown(value)}")
+    return value
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise InputError(f"parameters must be a list of names, not {shown(value)}")
+    return tuple(value)
 
 
 def _text(block: dict[str, Any], key: str, default: str | None = None) -> str:
-    value = block[key] if default is None else block.get(key, default)
+    value = needed(block, key) if default is None else block.get(key, default)
     if not isinstance(value, str | int | float):
         raise InputError(f"{key} must be text")
     return one_line(value, LONGEST_TEXT)
@@ -139,7 +154,7 @@ def _fact(name: object, value: Any) -> Any:
 
 
 def _stand_in_distance(value: Any) -> float:
-    distance = float(value)
+    distance = number(value, "svp: distance")
     if not distance > 0:
         raise InputError(f"svp: distance must be positive, not {distance}")
     return distance
@@ -148,27 +163,27 @@ def _stand_in_distance(value: Any) -> float:
 def _checked_table(block: dict[str, Any]) -> dict[str, Any]:
     if not block:
         return {}
-    table = {key: np.array(block[key], dtype=float) for key in ("theta_deg", "distance_m", "sigma_px")}
-    if table["sigma_px"].shape != (len(table["theta_deg"]), len(table["distance_m"])):
-        raise InputError("projection_uncertainty has a row an angle and a column a distance")
-    return {key: value.tolist() for key, value in table.items()}
+    names = {key: f"projection_uncertainty: {key}" for key in ("theta_deg", "distance_m", "sigma_px")}
+    angles, distances = (numbers(needed(block, key), names[key]) for key in ("theta_deg", "distance_m"))
+    sigma = matrix(needed(block, "sigma_px"), names["sigma_px"], len(angles), len(distances))
+    return {"theta_deg": angles, "distance_m": distances, "sigma_px": sigma.tolist()}
 
 
 def _covariance(block: dict[str, Any], camera: FisheyeCamera) -> np.ndarray:
     count = len(camera.parameters)
     if "covariance" not in block:
         return np.zeros((count, count))
-    covariance = np.array(block["covariance"], dtype=float)
-    if tuple(block["parameters"]) != camera.parameter_names or covariance.shape != (count, count):
+    if _names(needed(block, "parameters")) != camera.parameter_names:
         raise InputError("parameters and covariance do not fit the camera")
+    covariance = matrix(block["covariance"], "covariance", count, count)
     if not (np.abs(covariance) <= _LARGEST_VARIANCE).all():
         raise InputError(f"covariance must be finite, and at most {_LARGEST_VARIANCE:g}")
     return covariance
 
 
-def _board_warp(values: Iterable[Any]) -> np.ndarray:
+def _board_warp(values: Any) -> np.ndarray:
     """Shorter lists are filled with zeros: the twist came last."""
-    warp = floats(values)
+    warp = numbers(values, "board_warp")
     if len(warp) > len(WARP_NAMES) or not np.isfinite(warp).all():
         raise InputError(f"board_warp holds up to {len(WARP_NAMES)} finite numbers")
     return np.array(warp + [0.0] * (len(WARP_NAMES) - len(warp)))
@@ -178,9 +193,8 @@ def _read_left_open(block: dict[str, Any]) -> PupilLeftOpen | None:
     content = block.get("pupil_left_open")
     if content is None:
         return None
-    covariance = [floats(row) for row in content["covariance"]]
-    return PupilLeftOpen.of(_text(content, "model"), floats(content["coefficients"]), covariance)
-
-
-def floats(values: Iterable[Any]) -> list[float]:
-    return [float(value) for value in values]
+    content = mapping(content, "pupil_left_open")
+    coefficients = numbers(needed(content, "coefficients"), "pupil_left_open: coefficients")
+    count = len(coefficients)
+    covariance = matrix(needed(content, "covariance"), "pupil_left_open: covariance", count, count)
+    return PupilLeftOpen.of(_text(content, "model"), coefficients, covariance.tolist())

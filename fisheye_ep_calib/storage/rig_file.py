@@ -14,6 +14,7 @@ import yaml
 
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.file_values import mapping, matrix, needed
 from fisheye_ep_calib.formats.kalibr import camchain
 from fisheye_ep_calib.formats.placed_camera import PlacedCamera
 from fisheye_ep_calib.plain_text import one_line, shown
@@ -128,37 +129,54 @@ def load_rig(path: str | PathLike[str]) -> RigFile:
     path = Path(path)
     content = read_yaml(path, "rig")
     try:
-        if content["schema"] != SCHEMA:
-            raise InputError(f"schema {shown(content['schema'])} is not known here; known: {SCHEMA}")
-        cameras = {one_line(name, _LONGEST_NAME): dict(block) for name, block in content["cameras"].items()}
-        return RigFile(
-            one_line(content["reference"], _LONGEST_NAME),
-            {name: _pose(block["reference_from_camera"]) for name, block in cameras.items()},
-            {name: _covariance(block["covariance"]) for name, block in cameras.items()},
-            {name: str(block.get("camera_file", "")) for name, block in cameras.items()},
-            {name: str(block.get("topic", "")) for name, block in cameras.items()},
-            tuple(tuple(map(str, pair["cameras"])) for pair in content.get("overlaps", ())),
-        )
+        return _parsed(content)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
-        raise InputError(f"{path} is not a rig file: {type(error).__name__} {one_line(error, 200)}") from None
+        raise InputError(f"{one_line(path)} is not a rig file: {error}") from None
 
 
-def _covariance(rows: Any) -> np.ndarray:
-    covariance = np.array(rows, dtype=float).reshape(6, 6)
+def _parsed(content: Any) -> RigFile:
+    content = mapping(content, "a rig file")
+    if needed(content, "schema") != SCHEMA:
+        raise InputError(f"schema {shown(content['schema'])} is not known here; known: {SCHEMA}")
+    given = mapping(needed(content, "cameras"), "cameras")
+    cameras = {one_line(name, _LONGEST_NAME): mapping(block, f"cameras: {name}") for name, block in given.items()}
+    return RigFile(
+        one_line(needed(content, "reference"), _LONGEST_NAME),
+        {name: _pose(needed(block, "reference_from_camera"), name) for name, block in cameras.items()},
+        {name: _covariance(needed(block, "covariance"), name) for name, block in cameras.items()},
+        {name: str(block.get("camera_file", "")) for name, block in cameras.items()},
+        {name: str(block.get("topic", "")) for name, block in cameras.items()},
+        _overlaps(content.get("overlaps", [])),
+    )
+
+
+def _overlaps(content: Any) -> tuple[tuple[str, ...], ...]:
+    pairs = [pair.get("cameras") if isinstance(pair, dict) else None for pair in _listed(content)]
+    return tuple(tuple(map(str, _listed(pair))) for pair in pairs)
+
+
+def _listed(content: Any) -> list[Any]:
+    if not isinstance(content, list):
+        raise InputError(f"overlaps must be a list, each with a list of cameras, not {shown(content)}")
+    return content
+
+
+def _covariance(rows: Any, camera: str) -> np.ndarray:
+    covariance = matrix(rows, f"{camera}: covariance", 6, 6)
     if not (np.abs(covariance) <= _FARTHEST**2).all():
-        raise InputError("covariance must be finite")
+        raise InputError(f"{camera}: covariance must be finite")
     return covariance
 
 
-def _pose(rows: Any) -> np.ndarray:
-    pose = np.array(rows, dtype=float).reshape(4, 4)
-    turn = pose[:3, :3]
-    rigid = np.abs(turn @ turn.T - np.eye(3)).max() < _NOT_RIGID and np.linalg.det(turn) > 0
-    if not ((np.abs(pose) <= _FARTHEST).all() and rigid and np.array_equal(pose[3], [0, 0, 0, 1])):
-        raise InputError("reference_from_camera is not a rigid transform")
+def _pose(rows: Any, camera: str) -> np.ndarray:
+    pose = matrix(rows, f"{camera}: reference_from_camera", 4, 4)
+    if not ((np.abs(pose) <= _FARTHEST).all() and _is_turn(pose[:3, :3]) and np.array_equal(pose[3], [0, 0, 0, 1])):
+        raise InputError(f"{camera}: reference_from_camera is not a rigid transform")
     return pose
+
+
+def _is_turn(rotation: np.ndarray) -> bool:
+    return bool(np.abs(rotation @ rotation.T - np.eye(3)).max() < _NOT_RIGID and np.linalg.det(rotation) > 0)
 
 
 def is_rig_file(path: Path) -> bool:

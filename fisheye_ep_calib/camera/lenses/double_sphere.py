@@ -30,8 +30,8 @@ class DoubleSphere:
         """dr/dθ = (cosθ q − sinθ q′)/q² with q the denominator and d′ = −ξ sinθ / d."""
         xi, alpha, sine, cosine, _, distance, denominator = self._terms(theta, coefficients)
         slope = -alpha * xi * sine / distance - (1 - alpha) * sine
-        value = (cosine * denominator - sine * slope) / (denominator * denominator)
-        return np.where(denominator > 0, value, 0.0)
+        safe = np.where(denominator > 0, denominator, 1.0)
+        return np.where(denominator > 0, (cosine * safe - sine * slope) / (safe * safe), 0.0)
 
     def radius_jacobian(self, theta: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """∂r/∂(ξ, α) = −sinθ/q² · (α (ξ + cosθ)/d + 1 − α,  d − ξ − cosθ), shape (2, *S)."""
