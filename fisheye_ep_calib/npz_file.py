@@ -8,12 +8,11 @@ import os
 import zipfile
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError, first_line
-from fisheye_ep_calib.outside import open_outside
+from fisheye_ep_calib.outside import checked_path, open_outside
 from fisheye_ep_calib.plain_text import one_line
 
 # Of all arrays, unpacked. Far above any calibration (a million sightings take 40 MB), far below a machine's memory.
@@ -31,8 +30,8 @@ def read_npz(
 
     kind: what the file should be, for the error. Raises InputError.
     """
+    path = checked_path(path, "path")
     shown = one_line(path)
-    path = Path(path)
     if not os.path.exists(path):  # of a name that no file can have, too
         raise InputError(f"{shown} does not exist")
     if not os.path.isfile(path):

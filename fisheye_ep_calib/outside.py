@@ -5,11 +5,13 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Iterable
 from os import PathLike
+from pathlib import Path
 from typing import BinaryIO
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.plain_text import one_line
+from fisheye_ep_calib.plain_text import one_line, shown
 
 _FLAGS = os.O_RDONLY
 for _name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY"):  # a pipe nobody writes to is opened at once
@@ -21,6 +23,19 @@ _SLOW_KINDS = {
     stat.S_IFBLK: "a device",
     stat.S_IFSOCK: "a socket",
 }
+
+
+def checked_path(path: object, name: str) -> Path:
+    """The path that a parameter of this name was given; an empty text is none. Raises InputError."""
+    if isinstance(path, str | PathLike) and isinstance(text := os.fspath(path), str) and text:
+        return Path(text)
+    raise InputError(f"`{name}` must be the path of a file, not {shown(path)}")
+
+
+def checked_paths(paths: object, name: str) -> list[Path]:
+    """One path or several, as ``checked_path``. Raises InputError."""
+    several = paths if isinstance(paths, Iterable) and not isinstance(paths, str | bytes | PathLike) else [paths]
+    return [checked_path(path, name) for path in several]
 
 
 def open_outside(path: str | PathLike[str], kind: str = "") -> BinaryIO:

@@ -31,6 +31,22 @@ from fisheye_ep_calib.plain_text import shown
 FAR = 1e6  # metres, in place of infinity: a pupil's shift has no effect there
 
 
+def _numbers(values: ArrayLike, name: str) -> np.ndarray:
+    """Raises InputError where they are no array of numbers."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"`{name}` must be numbers, in lists of one length or an array, not {shown(values)}") from None
+
+
+def _coordinates(values: ArrayLike, count: int, name: str) -> np.ndarray:
+    """As an array (..., count). Raises InputError where it is none."""
+    array = _numbers(values, name)
+    if array.shape[-1:] != (count,):
+        raise InputError(f"`{name}` must have the shape (..., {count}), not {array.shape}")
+    return array
+
+
 def _read_only(values: ArrayLike) -> np.ndarray:
     array = np.array(values, dtype=float)
     array.flags.writeable = False
@@ -141,7 +157,7 @@ class FisheyeCamera:
 
     def with_parameters(self, parameters: np.ndarray) -> FisheyeCamera:
         """The same camera with other values (P,) in the order of ``parameter_names``."""
-        values = [float(value) for value in parameters]
+        values = _numbers(parameters, "parameters").ravel().tolist()
         if len(values) != len(self.parameter_names):
             raise InputError(f"this camera has {len(self.parameter_names)} parameters, not {len(values)}")
         blocks = {name: tuple(values[block]) for name, block in self.layout.slices.items()}
@@ -160,16 +176,16 @@ class FisheyeCamera:
 
     def entrance_pupil(self, theta: ArrayLike) -> np.ndarray:
         """E(θ), metres, shape of θ (rad). The pupil sits at z = −E(θ)."""
-        return entrance_pupil(self.pupil_family, np.asarray(theta, dtype=float), self.coefficients_array)
+        return entrance_pupil(self.pupil_family, _numbers(theta, "theta"), self.coefficients_array)
 
     def entrance_pupil_derivative(self, theta: ArrayLike) -> np.ndarray:
         """dE/dθ, metres per radian, shape of θ."""
-        theta = np.asarray(theta, dtype=float)
+        theta = _numbers(theta, "theta")
         return entrance_pupil_derivative(self.pupil_family, theta, self.coefficients_array)
 
     def radius(self, theta: ArrayLike) -> np.ndarray:
         """r(θ) for unit focal length, shape of θ (rad)."""
-        return self.lens_model.radius(np.asarray(theta, dtype=float), self.radial_array)
+        return self.lens_model.radius(_numbers(theta, "theta"), self.radial_array)
 
     def project(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Pixels (..., 2) and validity (...) of points (..., 3) in the camera frame, metres.
@@ -177,13 +193,13 @@ class FisheyeCamera:
         valid: the point is outside the caustic, its angle below theta_max, and r(θ) still increases there.
         Whether the pixel lies inside the image is not asked.
         """
-        points = np.asarray(points, dtype=float)
+        points = _coordinates(points, 3, "points")
         projected = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
         return np.stack([projected.u, projected.v], axis=-1), projected.valid
 
     def project_with_jacobian(self, points: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``project`` with ∂pixels/∂point (..., 2, 3) and ∂pixels/∂parameters (..., 2, P)."""
-        points = np.asarray(points, dtype=float)
+        points = _coordinates(points, 3, "points")
         projected = project_coordinates(
             self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit, jacobian=True
         )
@@ -193,7 +209,7 @@ class FisheyeCamera:
 
     def incidence_angle(self, points: ArrayLike) -> np.ndarray:
         """θ (...), rad, of points (..., 3) in the camera frame, metres."""
-        points = np.asarray(points, dtype=float)
+        points = _coordinates(points, 3, "points")
         projected = project_coordinates(self, points[..., 0], points[..., 1], points[..., 2], self.theta_limit)
         return projected.theta
 
@@ -212,7 +228,7 @@ class FisheyeCamera:
 
         θ = r⁻¹(‖m‖), origin (0, 0, −E(θ)), direction (sinθ cosφ, sinθ sinφ, cosθ).
         """
-        plane_x, plane_y, reached = self._plane(np.asarray(pixels, dtype=float))
+        plane_x, plane_y, reached = self._plane(_coordinates(pixels, 2, "pixels"))
         radius = np.hypot(plane_x, plane_y)
         theta, valid = solve_angle(self.lens_model, radius, self.radial_array, self.theta_limit)
         safe = np.where(radius > 0, radius, 1.0)
@@ -232,7 +248,7 @@ class FisheyeCamera:
         With the plane point m = r (cosφ, sinφ): ∂θ/∂m = (cosφ, sinφ)/r′(θ), ∂φ/∂m = (−sinφ, cosφ)/r, and
         ∂m/∂pixels the inverse of the pixel grid and the extras. On the axis sinθ/r → 1/r′(0).
         """
-        pixels = np.asarray(pixels, dtype=float)
+        pixels = _coordinates(pixels, 2, "pixels")
         origins, directions, valid = self.unproject(pixels)
         plane_x, plane_y, _ = self._plane(pixels)
         radius = np.hypot(plane_x, plane_y)

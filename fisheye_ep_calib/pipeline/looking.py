@@ -19,6 +19,7 @@ from fisheye_ep_calib.collection import Collector, DetectionRun, FrameChoice
 from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.collection.progress import OnProgress, seldom, unheard
 from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
+from fisheye_ep_calib.outside import checked_paths
 from fisheye_ep_calib.pipeline.camera_source import CameraSource, source_of_run, sources_of_files
 from fisheye_ep_calib.pipeline.found_so_far import Log, keeping_what_was_found
 from fisheye_ep_calib.pipeline.names import Topics, named_topics
@@ -233,15 +234,11 @@ def find_target(
 
 def observation_files(source: Source) -> list[Path]:
     """The observation files given; none where it is a recording. Raises InputError for both at once."""
-    paths = [] if isinstance(source, Recording) else _paths(source)
+    paths = [] if isinstance(source, Recording) else checked_paths(source, "paths")
     files = [path for path in paths if path.suffix == ".npz"]
     if files and len(files) < len(paths):
         raise InputError("give observation files or recordings, not both at once")
     return files
-
-
-def _paths(source: Path_ | Sequence[Path_]) -> list[Path]:
-    return [Path(path) for path in ([source] if isinstance(source, str | PathLike) else source)]
 
 
 def opened_once(source: Source, strict: bool) -> AbstractContextManager[Recording]:
@@ -251,7 +248,7 @@ def opened_once(source: Source, strict: bool) -> AbstractContextManager[Recordin
 
 
 def _said(source: Source, recording: Recording) -> str:
-    paths = recording.files() if isinstance(source, Recording) else _paths(source)
+    paths = recording.files() if isinstance(source, Recording) else checked_paths(source, "paths")
     return ", ".join(map(str, paths))
 
 

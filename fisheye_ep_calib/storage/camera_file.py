@@ -24,8 +24,8 @@ from fisheye_ep_calib.formats import Format
 from fisheye_ep_calib.formats.mrcal import without_inputs
 from fisheye_ep_calib.formats.placed_camera import floats
 from fisheye_ep_calib.formats.reading import origin, read_foreign, recognised, stand_in_of
-from fisheye_ep_calib.outside import read_text_outside
-from fisheye_ep_calib.plain_text import one_line
+from fisheye_ep_calib.outside import checked_path, read_text_outside
+from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_file_parsing import LONGEST_TEXT, SCHEMA, CameraFile, parse_camera_file
 from fisheye_ep_calib.target.shape.content import board_content
@@ -51,8 +51,14 @@ def save_camera(
 
     Raises:
         CalibrationError: The file cannot be written.
+        InputError: ``path`` is no path, or ``camera`` no camera.
     """
-    own = name or getattr(camera, "name", None) or Path(path).stem
+    place = checked_path(path, "path")
+    if not place.name:
+        raise InputError("`path` must be the path of a file")
+    if not isinstance(camera, FisheyeCamera) and not hasattr(camera, "camera"):
+        raise InputError(f"`camera` must be a camera or a calibration, not {shown(camera)}")
+    own = name or getattr(camera, "name", None) or place.stem
     atomic_write(path, camera_yaml(camera, own, source).encode())
 
 
@@ -169,7 +175,7 @@ def read_camera_file(path: str | PathLike[str]) -> CameraFile:
     Files of other programs are read too (``formats``); of one with several cameras the one named behind a colon, as in
     "camchain.yaml:cam1". Raises InputError with the file's name and what is wrong with it.
     """
-    path, chosen = _camera_in_file(Path(path))
+    path, chosen = _camera_in_file(checked_path(path, "path"))
     text = camera_text(path)
     try:
         foreign = recognised(text)

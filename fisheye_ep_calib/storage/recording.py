@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import checked_paths
 from fisheye_ep_calib.plain_text import one_line
 from fisheye_ep_calib.storage.grey_levels import to_eight_bits, to_levels
 from fisheye_ep_calib.storage.pictures import Picture
@@ -213,7 +214,7 @@ def open_recording(
     Raises:
         InputError: There is nothing to use.
     """
-    names = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    names = checked_paths(paths, "paths")
     scratch = Scratch()
     recording = Recording((), scratch=scratch)
     try:

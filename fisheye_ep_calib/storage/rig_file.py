@@ -17,6 +17,7 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.file_values import mapping, matrix, needed
 from fisheye_ep_calib.formats.kalibr import camchain
 from fisheye_ep_calib.formats.placed_camera import PlacedCamera
+from fisheye_ep_calib.outside import checked_path
 from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.rig.result import RigCalibration
 from fisheye_ep_calib.yaml_file import read_yaml
@@ -126,7 +127,7 @@ def kalibr_camchain(rig: RigCalibration, stand_ins: Sequence[FisheyeCamera], top
 
 def load_rig(path: str | PathLike[str]) -> RigFile:
     """Read a rig file. Raises InputError."""
-    path = Path(path)
+    path = checked_path(path, "path")
     content = read_yaml(path, "rig")
     try:
         return _parsed(content)

@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import checked_path
 from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.boards.aprilgrid import AprilGrid
@@ -38,7 +39,7 @@ def load_target(path: str | PathLike[str] | Target) -> Target:
     """
     if isinstance(path, Target):
         return path
-    path = find_target_file(Path(path).expanduser())
+    path = find_target_file(checked_path(path, "path").expanduser())
     if not os.path.exists(path):  # of a name that no file can have, too
         raise InputError(
             f"cannot read target file {one_line(path)}: it is not there; shipped, by name: {', '.join(shipped_files())}"
