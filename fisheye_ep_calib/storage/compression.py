@@ -62,7 +62,8 @@ def _zstd(content: bytes, limit: int) -> bytes:
 def _lz4(content: bytes, limit: int) -> bytes:
     import lz4.frame
 
-    result: bytes = lz4.frame.LZ4FrameDecompressor().decompress(content, max_length=limit)
+    context = lz4.frame.create_decompression_context()  # its class of decompressors copies what it is given
+    result: bytes = lz4.frame.decompress_chunk(context, content, max_length=limit)[0]
     return result
 
 
