@@ -39,8 +39,8 @@ def device_rows(device: str, folder: Path) -> list[Row]:
         content = read_json(record)
         rows = [_row(device, name, figures, folder) for name, figures in content["cameras"].items()]
         failed = {name: str(reason) for name, reason in content.get("failed", {}).items()}
-    except (InputError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{record} cannot be read ({type(error).__name__}: {error})") from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"{one_line(record)} is not what a calibration writes: delete it to calibrate anew") from None
     return rows + [failed_row(device, failed[name], name) for name in failed if name not in content["cameras"]]
 
 

@@ -21,8 +21,9 @@ from known_scenes import CAMERA, seen_board
 import fisheye_ep_calib
 from fisheye_ep_calib.commands import fleet_jobs
 from fisheye_ep_calib.commands.fleet_devices import find_devices
-from fisheye_ep_calib.commands.fleet_table import FEWEST, mark_odd, robust_z, threshold
+from fisheye_ep_calib.commands.fleet_table import FEWEST, device_rows, mark_odd, robust_z, threshold
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.pipeline.writing import RECORD
 from fisheye_ep_calib.storage.folder_owner import LOCK, FolderOwner
 from fisheye_ep_calib.storage.observation_file import save_observations
 
@@ -281,3 +282,13 @@ def test_what_was_finished_from_another_recording_is_named(command, fleet, tmp_p
 def test_a_fleet_refuses_once_what_no_device_can_do(command, fleet, tmp_path, option):
     command("calibrate-fleet", fleet, "--output", "out", *option).refused(2)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "content", ["[]", "null", '{"cameras": 3}', '{"cameras": {"a": []}}', '{"cameras": {"a": {}}}', "{"]
+)
+def test_a_record_that_no_calibration_wrote_is_told_in_words_of_ones_own(tmp_path, content) -> None:
+    (tmp_path / RECORD).write_text(content)
+    with pytest.raises(InputError, match="is not what a calibration writes|is not valid JSON") as refusal:
+        device_rows("unit0", tmp_path)
+    assert RECORD in str(refusal.value) and "object" not in str(refusal.value) and "Error" not in str(refusal.value)
