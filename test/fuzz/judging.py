@@ -108,8 +108,9 @@ def _run(place: Path, words: list[str]) -> Verdict:
 
 
 def _is_a_verdict(command: str, said: str) -> bool:
-    """Whether the camera is judged as not to be used, which ends with exit code 1 too."""
-    return command == "evaluate" and said.rstrip().endswith("do not use it here.") and "error:" not in said
+    """Whether the camera is judged as not to be used, which ends with exit code 1 too; views may be named after it."""
+    judged = any(line.endswith("do not use it here.") for line in said.splitlines())
+    return command == "evaluate" and judged and "error:" not in said
 
 
 def _left(place: Path, code: int) -> list[str]:
