@@ -6,6 +6,7 @@ import array
 import json
 import threading
 import time
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -316,17 +317,17 @@ HOSTILE_VALUES = [
 ]
 
 
-@pytest.mark.parametrize("name", ["minimum_views", "goal_mm", "target", "misspelt\x1b[31m", ""])
-def test_whatever_is_asked_of_parameters_is_refused_with_its_reason(start_calibrator, probe, camera_file, name) -> None:
+def test_whatever_is_asked_of_parameters_is_refused_with_its_reason(start_calibrator, probe, camera_file) -> None:
     calibrator = start_calibrator(cameras="[front]", front__camera_file=camera_file)
-    for kind in (SetParameters, SetParametersAtomically):
+    names = ("minimum_views", "goal_mm", "target", "misspelt\x1b[31m", "")
+    for kind, name in product((SetParameters, SetParametersAtomically), names):
         service = "set_parameters" if kind is SetParameters else "set_parameters_atomically"
         for value in HOSTILE_VALUES:
             request = kind.Request(parameters=[Parameter(name=name, value=value)])
             answer = probe.call(kind, f"/calibrator/{service}", request)
             result = answer.results[0] if kind is SetParameters else answer.result
-            assert not result.successful and result.reason.isprintable() and len(result.reason) <= 310
-            assert name.replace("\x1b", "\\x1b") in result.reason and result.reason
+            assert not result.successful and result.reason.isprintable() and len(result.reason) <= 310, name
+            assert name.replace("\x1b", "\\x1b") in result.reason and result.reason, name
     assert "parameters stay as they are: " in calibrator.output
     assert "Traceback" not in calibrator.output and max(map(len, calibrator.output.splitlines())) < 500
     assert calibrator.interrupt()[0] == 0
