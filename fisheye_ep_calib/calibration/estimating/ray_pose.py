@@ -29,11 +29,12 @@ def poses_from_rays(
     rays (3, B, N): unit, camera frame. object_points (3, B, N): metres, target frame. used (B, N): bool.
     solutions: how often to solve; each time sightings far off the last solution weigh less.
     robust: start from the best of many small samples (Fischler and Bolles' consensus) instead of all sightings.
+    Views of a target with depth of which fewer than three sightings are used get the identity.
     """
     if board.planar:
         return _poses(rays, object_points, used, board.axes, board.middle, solutions, robust, flat=True)
     poses = np.tile(np.eye(4), (used.shape[0], 1, 1))
-    for view in range(used.shape[0]):
+    for view in np.flatnonzero(used.sum(axis=-1) >= 3):
         points = object_points[:, view][:, used[view]].T
         middle = points.mean(axis=0)
         _, extent, rows = np.linalg.svd(points - middle, full_matrices=False)  # n × n otherwise
