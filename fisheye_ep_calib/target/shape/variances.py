@@ -17,6 +17,7 @@ runs towards zero. So after the first ones each group takes the value that is be
 data say of coefficient k beside all others is a_k/γ_k, with the variance v_k = σ² S_kk/γ_k and γ_k = 1 − S_kk P_kk, so
 that τ² solves Σ_k (τ² + v_k − (a_k/γ_k)²)/(τ² + v_k)² = 0, or is 0 where that sum is positive at 0 (Tipping and Faul,
 "Fast marginal likelihood maximisation for sparse Bayesian models", AISTATS 2003; here whole groups at a time).
+The same values tell what such a step would gain, were the groups apart; one that gains too little is not taken.
 """
 
 from __future__ import annotations
