@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fisheye_ep_calib.arguments import positive_length
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.calibration.structure import LENS, Structure
 from fisheye_ep_calib.camera import LENS_EXTRAS
@@ -73,8 +74,7 @@ class Options:
         for name, value, words in choices:
             if value not in words:
                 raise InputError(f"unknown {name} {value!r}; known: {', '.join(words)}")
-        if not self.svp_distance > 0:
-            raise InputError(f"`svp_distance` must be positive, not {self.svp_distance:g} m")
+        positive_length(self.svp_distance, "svp_distance")
 
 
 def base_structure(settings: Options, model: str) -> Structure:

@@ -21,7 +21,7 @@ from fisheye_ep_calib.calibration.content import calibration_content
 from fisheye_ep_calib.calibration.options import AUTO
 from fisheye_ep_calib.calibration.words import Verdict, calibration_verdict
 from fisheye_ep_calib.camera.bands import pupil_sigma
-from fisheye_ep_calib.pipeline.camera_source import CameraSource
+from fisheye_ep_calib.pipeline.camera_source import CameraSource, source_of_observations
 from fisheye_ep_calib.pipeline.known_camera import AnyCamera
 from fisheye_ep_calib.pipeline.options import fit_options, refuse_unknown_options
 from fisheye_ep_calib.pipeline.page_of_words import words_html
@@ -173,4 +173,5 @@ def calibrate_observations(
         CalibrationError: The observations determine no camera.
     """
     refuse_unknown_options(options, fit_options())
-    return CalibratedCamera.of(calibrate(observations, model, **options), CameraSource(name, observations))
+    source = source_of_observations(name, observations)
+    return CalibratedCamera.of(calibrate(source.observations, model, **options), source)

@@ -15,6 +15,7 @@ from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import DetectionRun
 from fisheye_ep_calib.errors import CalibrationError, InputError
 from fisheye_ep_calib.pipeline.names import safe_name
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.storage.fingerprint import fingerprint_of_all
 from fisheye_ep_calib.storage.observation_file import load_observations
 from fisheye_ep_calib.storage.recording import Recording
@@ -70,6 +71,16 @@ class CameraSource:
         if self.run is not None:
             inputs["points_given_up"] = self.run.points_given_up
         return inputs
+
+
+def source_of_observations(name: str, given: object) -> CameraSource:
+    """One camera's source from what it is said to have seen. Raises InputError."""
+    if isinstance(given, CameraSource):
+        return given
+    if isinstance(given, Observations):
+        return CameraSource(name, given)
+    how = "as `Observations.load` gives them, or one of those of `find_target`"
+    raise InputError(f"`observations` must be those of one camera, {how}, not {shown(given)}")
 
 
 def source_of_run(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
+from fisheye_ep_calib.arguments import positive_length
 from fisheye_ep_calib.calibration.assessing.camera_difference import ALIGNMENTS, CameraDifference, camera_difference
 from fisheye_ep_calib.calibration.comparison import (
     ComparedBoards,
@@ -20,6 +21,7 @@ from fisheye_ep_calib.calibration.comparison import (
 from fisheye_ep_calib.calibration.words import distance_text
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
+from fisheye_ep_calib.plain_text import shown
 
 DISTANCES = (0.1, 0.3, 1.0, 10.0, np.inf)  # metres
 
@@ -73,15 +75,16 @@ def compare(
     Raises:
         InputError: A camera or argument cannot be used, or the cameras share no part of the field.
     """
-    if not len(distances) or any(not distance > 0 for distance in distances):
-        raise InputError("`distances` are positive lengths in metres, or inf")
+    several = distances if isinstance(distances, Iterable) else ()
+    lengths = sorted({positive_length(distance, "distances") for distance in several})
+    if not lengths:
+        raise InputError(f"`distances` must be lengths in metres, not {shown(distances)}")
     if alignment not in ALIGNMENTS:
         raise InputError(f"unknown `alignment` {alignment!r}; known: {', '.join(ALIGNMENTS)}")
     first_file, second_file = known_camera(first), known_camera(second)
     covariances = tuple(file.covariance if file.covariance.any() else None for file in (first_file, second_file))
-    distances = sorted(dict.fromkeys(map(float, distances)))
     difference = camera_difference(
-        first_file.camera, second_file.camera, distances, (covariances[0], covariances[1]), alignment
+        first_file.camera, second_file.camera, lengths, (covariances[0], covariances[1]), alignment
     )
     if not np.isfinite(difference.length_px).any():
         raise InputError("the two cameras share no part of the field at these distances")

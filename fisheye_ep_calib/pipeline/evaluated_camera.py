@@ -20,7 +20,7 @@ from fisheye_ep_calib.calibration.evaluation_words import (
     expected_rms,
 )
 from fisheye_ep_calib.calibration.words import Verdict
-from fisheye_ep_calib.pipeline.camera_source import CameraSource
+from fisheye_ep_calib.pipeline.camera_source import CameraSource, source_of_observations
 from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
 from fisheye_ep_calib.pipeline.page_of_words import words_html
 from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
@@ -172,7 +172,7 @@ def evaluate(
         CalibrationError: No view fits the camera.
     """
     camera_file = known_camera(camera)
-    source = CameraSource("camera", observations) if isinstance(observations, Observations) else observations
+    source = source_of_observations("camera", observations)
     warp = camera_file.board_warp if board_warp else None
     chosen = None
     if not board_warp:

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fisheye_ep_calib.arguments import positive_length
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.formats import FORMATS, PlacedCamera
+from fisheye_ep_calib.outside import checked_path
 from fisheye_ep_calib.pipeline.known_camera import AnyCamera, known_camera
 from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.storage.atomic import atomic_write
@@ -55,9 +57,10 @@ def export(
     """
     if to not in writable_formats():
         raise InputError(f"unknown format {to!r}; known: {', '.join(writable_formats())}")
-    if svp_distance is not None and not svp_distance > 0:
-        raise InputError("`svp_distance` must be positive")
-    cameras, chosen, output = placed_cameras(camera, svp_distance), FORMATS[to], Path(output)
+    if svp_distance is not None:
+        svp_distance = positive_length(svp_distance, "svp_distance")
+    output = checked_path(output, "output")
+    cameras, chosen = placed_cameras(camera, svp_distance), FORMATS[to]
     if chosen.most_cameras is not None and len(cameras) > chosen.most_cameras:
         raise InputError(f"{to} holds {chosen.most_cameras} cameras at most, this rig has {len(cameras)}")
     if chosen.write is None:

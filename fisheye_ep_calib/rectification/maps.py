@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fisheye_ep_calib.arguments import positive_length
 from fisheye_ep_calib.arrays import BoolArray
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.pupils import CENTRAL_MODEL
@@ -41,8 +42,7 @@ def surface_maps(camera: FisheyeCamera, view: View, distance: float = np.inf, su
     surface = surface or PROJECTIONS[view.projection].surface
     if surface not in SURFACES:
         raise InputError(f"unknown surface {surface!r}; known: {', '.join(SURFACES)}")
-    if not distance > 0:
-        raise InputError(f"`distance` must be positive, not {distance:g} m")
+    distance = positive_length(distance, "distance")
     far = np.isinf(distance)
     seen_by = _central(camera) if far else camera
 

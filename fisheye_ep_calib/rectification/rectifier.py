@@ -8,8 +8,10 @@ from collections import OrderedDict
 import cv2
 import numpy as np
 
+from fisheye_ep_calib.arguments import positive_length
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.rectification.maps import DepthMaps, Maps, surface_maps
 from fisheye_ep_calib.rectification.projections import PROJECTIONS
 from fisheye_ep_calib.rectification.view import View, make_view
@@ -49,6 +51,8 @@ class Rectifier:
         scaled to it; where it has no depth, the distance holds. Raises InputError.
         """
         width, height = self.camera.image_size
+        if image.ndim not in (2, 3):
+            raise InputError(f"an image is (h, w) or (h, w, channels), not of the shape {image.shape}")
         if image.shape[:2] != (height, width):
             raise InputError(f"the image is {image.shape[1]}×{image.shape[0]}, the camera {width}×{height}")
         maps = self.maps(distance) if depth is None else self.maps_of_depth(depth, distance)
@@ -114,7 +118,8 @@ def rectify(
     Raises:
         InputError: An argument cannot be used.
     """
-    if not distance > 0:
-        raise InputError(f"`distance` must be positive, not {distance:g} m")
+    if not isinstance(camera, FisheyeCamera):
+        raise InputError(f"`camera` must be a camera, as `load_camera` gives one, not {shown(camera)}")
+    distance = positive_length(distance, "distance")
     view = make_view(camera, projection, fov, size, yaw, pitch)
     return Rectifier(camera, view, surface, interpolation).rectify(np.asarray(image), distance)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 
+from fisheye_ep_calib.arguments import real_argument
 from fisheye_ep_calib.arrays import FloatArray
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.camera.camera_info import PlainCameraInfo, pinhole_camera_info, uncalibrated_camera_info
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.plain_text import shown
 from fisheye_ep_calib.rectification.projections import PROJECTIONS, Projection
 
 LONGEST_SIDE = 16384  # pixels; cv2.remap ends at 32767
@@ -88,8 +92,7 @@ def make_view(
     if projection not in PROJECTIONS:
         raise InputError(f"unknown projection {projection!r}; known: {', '.join(PROJECTIONS)}")
     kind = PROJECTIONS[projection]
-    if fov is None:
-        fov = min(field_of_view(camera), kind.usual_fov)
+    fov = min(field_of_view(camera), kind.usual_fov) if fov is None else real_argument(fov, "fov")
     if not 0 < fov <= kind.largest_fov + 1e-9:
         raise InputError(
             f"`fov` of a {projection} view must lie above 0° and up to {np.degrees(kind.largest_fov):.0f}°, "
@@ -98,7 +101,16 @@ def make_view(
     half = kind.half_extent(fov / 2)
     if size is None:
         size = _usual_size(camera, kind, half)
+    size = _checked_size(size)
+    yaw, pitch = real_argument(yaw, "yaw"), real_argument(pitch, "pitch")
     return View(projection, size, size[0] / (2 * half), yaw, pitch)
+
+
+def _checked_size(size: object) -> tuple[int, int]:
+    """Width and height. Raises InputError."""
+    if not isinstance(size, Sequence | np.ndarray) or len(size) != 2 or not all(isinstance(n, Integral) for n in size):
+        raise InputError(f"`size` must be width and height in pixels, not {shown(size)}")
+    return int(size[0]), int(size[1])
 
 
 def field_of_view(camera: FisheyeCamera) -> float:

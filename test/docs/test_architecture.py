@@ -13,6 +13,7 @@ PACKAGE = REPOSITORY / "fisheye_ep_calib"
 SHARED = {
     "arrays",
     "errors",
+    "arguments",
     "file_values",
     "outside",
     "plain_text",

@@ -162,7 +162,7 @@ def test_cameras_are_compared(result, true_camera):
     assert same.agree and max(row.rms_px for row in same.by_distance) < 1e-6
     other = compare(result.camera, true_camera, [0.12])
     assert other.agree is None and 0 < other.to_dict()["distances"][0]["rms_px"] < 0.5
-    with pytest.raises(InputError, match="`distances` are positive"):
+    with pytest.raises(InputError, match="`distances` must be positive"):
         compare(result, result.camera, [0.0])
 
 

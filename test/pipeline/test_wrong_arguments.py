@@ -11,11 +11,15 @@ from known_scenes import CAMERA
 from fisheye_ep_calib import (
     InputError,
     Observations,
+    calibrate,
     calibrate_recording,
+    compare,
     evaluate,
+    export,
     load_camera,
     load_target,
     open_recording,
+    rectify,
     save_camera,
 )
 
@@ -69,4 +73,47 @@ def test_what_is_no_camera(tmp_path) -> None:
         save_camera(tmp_path / "a.yaml", None)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="`path` must be the path of a file"):
         save_camera("", CAMERA)
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("observations", [None, 3, "observations.npz", {"camera": "a"}, [], np.zeros((3, 2))])
+def test_what_are_no_observations(observations: Any) -> None:
+    for call in (calibrate, lambda given: evaluate(CAMERA, given)):
+        with pytest.raises(InputError, match="`observations` must be those of one camera, as ") as refusal:
+            call(observations)
+        assert str(refusal.value).isprintable()
+
+
+def test_what_cannot_be_rectified() -> None:
+    width, height = CAMERA.image_size
+    image = np.zeros((height, width), np.uint8)
+    with pytest.raises(InputError, match="`camera` must be a camera, as `load_camera` gives one, not 'camera.yaml'"):
+        rectify("camera.yaml", image)  # type: ignore[arg-type]
+    for no_image in (None, 3, "a.png", [1, 2], np.zeros((2, 2, 2, 2))):  # cv2.imread gives None for a missing file
+        with pytest.raises(InputError, match=r"an image is \(h, w\) or \(h, w, channels\), not of the shape"):
+            rectify(CAMERA, no_image)  # type: ignore[arg-type]
+    for name in ("distance", "fov", "yaw", "pitch"):
+        for no_number in ("1", [1.0], {}, True, np.ones(2)):
+            with pytest.raises(InputError, match=f"`{name}` must be a number, not "):
+                rectify(CAMERA, image, **{name: no_number})  # type: ignore[arg-type]
+    for no_size in (64, "ab", (64,), (64.5, 64), {}, np.zeros((2, 2))):
+        with pytest.raises(InputError, match="`size` must be width and height in pixels, not "):
+            rectify(CAMERA, image, size=no_size)  # type: ignore[arg-type]
+    size = np.array([64, 48], np.int16)
+    assert rectify(CAMERA, image, np.float32(2), size=size, yaw=np.int8(0)).shape == (48, 64)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("length", ["1", None, ["0.3"], {}, True, np.ones((2, 2))])
+def test_what_is_no_length(length: Any, tmp_path) -> None:
+    with pytest.raises(InputError, match="`distances` must be "):
+        compare(CAMERA, CAMERA, length)
+    with pytest.raises(InputError, match="`distances` must be a number, not "):
+        compare(CAMERA, CAMERA, [length])
+    if length is not None:
+        with pytest.raises(InputError, match="`svp_distance` must be a number, not "):
+            export(CAMERA, "camera_info", tmp_path / "a.yaml", svp_distance=length)
+    with pytest.raises(InputError, match="`distances` must be lengths in metres, not 3"):
+        compare(CAMERA, CAMERA, 3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="`output` must be the path of a file, not "):
+        export(CAMERA, "camera_info", "" if isinstance(length, str) else length)
     assert not any(tmp_path.iterdir())
