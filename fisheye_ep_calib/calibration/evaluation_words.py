@@ -60,7 +60,7 @@ def camera_variance(
         by_camera = d_parameters[valid].reshape(-1, len(covariance))
         left = by_camera - by_pose @ np.linalg.lstsq(by_pose, by_camera, rcond=None)[0]
         total += float(np.sum((left @ covariance) * left))
-    return total / int(used.sum())
+    return max(total, 0.0) / int(used.sum())  # a covariance from a file may not be positive
 
 
 def evaluation_verdict(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fisheye_ep_calib.camera.fisheye import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
 
@@ -14,3 +16,9 @@ def refuse_absurd(camera: FisheyeCamera) -> None:
     for name, value in zip(camera.parameter_names, camera.parameters.tolist(), strict=True):
         if abs(value) > _LARGEST or (name in ("fx", "fy") and value < _LEAST_FOCAL):
             raise InputError(f"{name} is {value:.3g}, which no camera has")
+    with np.errstate(all="ignore"):
+        slope = camera.lens_model.radius_derivative(np.zeros(1), camera.radial_array)
+    if not (np.isfinite(slope) & (slope > 0)).all():
+        raise InputError(
+            f"the image radius of {camera.lens} does not rise on the axis: no camera has such coefficients"
+        )

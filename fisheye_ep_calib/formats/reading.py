@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from fisheye_ep_calib.camera import FisheyeCamera
+from fisheye_ep_calib.camera.limits import refuse_absurd
 from fisheye_ep_calib.errors import InputError, first_line
 from fisheye_ep_calib.formats import FORMATS, Format
 from fisheye_ep_calib.formats.foreign_camera import ForeignCamera
@@ -50,6 +51,8 @@ def foreign_cameras(text: str, format: Format) -> list[ForeignCamera]:
         cameras = format.read(text)
         if not 0 < len(cameras) <= _MOST_CAMERAS:
             raise InputError(f"{len(cameras)} cameras are in it")
+        for foreign in cameras:
+            refuse_absurd(foreign.camera)
         return [replace(foreign, camera=_within_image(foreign.camera)) for foreign in cameras]
 
 

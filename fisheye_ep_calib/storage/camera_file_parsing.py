@@ -19,6 +19,7 @@ from fisheye_ep_calib.target.shape.measured import BoardShape
 SCHEMA = 1
 LONGEST_TEXT = 200
 _LARGEST_VARIANCE = 1e20
+_LARGEST_WARP = 1e4  # metres, as of a target's points
 
 
 @dataclass(frozen=True)
@@ -178,14 +179,17 @@ def _covariance(block: dict[str, Any], camera: FisheyeCamera) -> np.ndarray:
     covariance = matrix(block["covariance"], "covariance", count, count)
     if not (np.abs(covariance) <= _LARGEST_VARIANCE).all():
         raise InputError(f"covariance must be finite, and at most {_LARGEST_VARIANCE:g}")
+    for name, variance in zip(camera.parameter_names, np.diag(covariance), strict=True):
+        if variance < 0:
+            raise InputError(f"covariance has {variance:.3g} for {name}: no variance is negative")
     return covariance
 
 
 def _board_warp(values: Any) -> np.ndarray:
     """Shorter lists are filled with zeros: the twist came last."""
     warp = numbers(values, "board_warp")
-    if len(warp) > len(WARP_NAMES) or not np.isfinite(warp).all():
-        raise InputError(f"board_warp holds up to {len(WARP_NAMES)} finite numbers")
+    if len(warp) > len(WARP_NAMES) or not all(abs(term) <= _LARGEST_WARP for term in warp):
+        raise InputError(f"board_warp holds up to {len(WARP_NAMES)} numbers, each at most {_LARGEST_WARP:g} m")
     return np.array(warp + [0.0] * (len(WARP_NAMES) - len(warp)))
 
 

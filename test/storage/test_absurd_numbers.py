@@ -182,6 +182,8 @@ def test_target_files(tmp_path, text, words) -> None:
         (("camera_matrix", "data"), [1e308, 0, 9, 0, 300, 9, 0, 0, 1], "fx is 1e\\+308"),
         (("image_width",), 10**17, "pixels is not possible"),
         (("entrance_pupil", "calibration"), {"note": {"a": [1]}}, "calibration: note"),
+        (("entrance_pupil", "calibration"), {"board_warp": [1e300, 0.0, 0.0]}, "board_warp holds"),
+        (("entrance_pupil", "covariance"), (-np.eye(11)).tolist(), "covariance has -1 for fx"),
     ],
 )
 def test_camera_files(tmp_path, keys, value, words) -> None:
@@ -194,6 +196,24 @@ def test_camera_files(tmp_path, keys, value, words) -> None:
     (tmp_path / "c.yaml").write_text(yaml.safe_dump(content))
     with pytest.raises(InputError, match=words):
         read_camera_file(tmp_path / "c.yaml")
+
+
+def test_lenses_without_a_radius_on_the_axis(tmp_path) -> None:
+    save_camera(tmp_path / "c.yaml", FisheyeCamera((640, 480), 300, 300, 320, 240))
+    content = yaml.safe_load((tmp_path / "c.yaml").read_text())
+    block = content["entrance_pupil"]
+    del block["parameters"]
+    for lens, radial in (("double_sphere", [-1.0, 0.5]), ("cahvore", [0.5, -2.0, 0.0, 0.0])):
+        block |= {"lens": lens, "radial": radial}
+        (tmp_path / "c.yaml").write_text(yaml.safe_dump(content))
+        with pytest.raises(InputError, match=f"the image radius of {lens} does not rise"):
+            read_camera_file(tmp_path / "c.yaml")
+    kalibr = {"camera_model": "ds", "intrinsics": [-1.0, 0.5, 300, 300, 320, 240], "resolution": [640, 480]}
+    (tmp_path / "k.yaml").write_text(
+        yaml.safe_dump({"cam0": {**kalibr, "distortion_model": "none", "distortion_coeffs": []}})
+    )
+    with pytest.raises(InputError, match="the image radius of double_sphere does not rise"):
+        read_camera_file(tmp_path / "k.yaml")
 
 
 def test_rig_files(tmp_path) -> None:

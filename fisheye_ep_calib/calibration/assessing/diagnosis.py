@@ -39,7 +39,7 @@ _FEW_VIEWS = 8  # below which a view more or less changes the camera beyond its 
 class Diagnosis:
     """counts (rings, sectors): sightings by incidence angle and azimuth. reachable: bool, same shape, in the image.
 
-    view_rms_px (V,): RMS of each view. near_far: None where a half determines no camera. findings: in words.
+    view_rms_px (V,): RMS of each view. near_far: as ``split_near_far``. findings: in words.
     """
 
     counts: np.ndarray

@@ -31,7 +31,7 @@ class NearFarSplit:
 def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
     """Fit the nearer and the farther half of the views by themselves and compare them at infinity.
 
-    distance (n,): metres, of every sighting used. None where a half determines no camera.
+    distance (n,): metres, of every sighting used. None where a half determines no camera, or both share no field.
     """
     observations, used = fit.sightings.observations, fit.used
     view = np.searchsorted(fit.sightings.images, observations.image_index[used])
@@ -58,6 +58,8 @@ def split_near_far(fit: Fit, distance: np.ndarray) -> NearFarSplit | None:
         cameras.append(replace(half.state.camera, theta_max=largest_angle))
     near, far = (float(np.median(mean[part])) for part in parts)
     difference = camera_difference(cameras[0], cameras[1], (np.inf,), (covariances[0], covariances[1]))
+    if not np.isfinite(difference.length_px).any():
+        return None
     return NearFarSplit(near, far, difference)
 
 

@@ -63,7 +63,10 @@ def _wald_test(rich: Fit, plain: Fit) -> float:
     tested = [i for i, name in enumerate(names) if name not in plain_names]
     views = len(rich.sightings.images)
     try:
-        covariance = unbiased_view_robust_covariance(rich.settled)[np.ix_(tested, tested)]
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows says nothing, and is left out below
+            covariance = unbiased_view_robust_covariance(rich.settled)[np.ix_(tested, tested)]
+        if not np.isfinite(covariance).all():
+            return 1.0
         statistic = values[tested] @ np.linalg.lstsq(covariance, values[tested], rcond=None)[0] / len(tested)
     except np.linalg.LinAlgError:  # nothing is known about them
         return 1.0

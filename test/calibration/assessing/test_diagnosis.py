@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib import calibrate
+from fisheye_ep_calib.calibration.assessing import near_far
+from fisheye_ep_calib.calibration.assessing.camera_difference import camera_difference
 from fisheye_ep_calib.simulation import observe, paper_camera, paper_poses, paper_target, random_poses
 
 TARGET = paper_target()
@@ -76,3 +78,13 @@ def test_lengths_in_another_unit_are_told(times):
     if told is not None:
         assert told.values["distance_m"] == pytest.approx(25, abs=5) and "lengths in metres?" in told.sentence
         assert told.values["pupil_mm"] > 50
+
+
+def test_halves_that_share_no_field_tell_nothing_of_near_and_far(good, monkeypatch):
+    fit = good["kannala"].fit
+    beyond = camera_difference(fit.state.camera, fit.state.camera, (np.inf,))
+    nothing = replace(beyond, **{name: getattr(beyond, name)[:, :0] for name in ("difference_px", "sigma_px")})
+    distance = np.linspace(0.1, 0.4, int(fit.used.sum()))
+    assert near_far.split_near_far(fit, distance) is not None
+    monkeypatch.setattr(near_far, "camera_difference", lambda *_: nothing)
+    assert near_far.split_near_far(fit, distance) is None
