@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import http.client
 import json
 import re
@@ -200,6 +202,23 @@ def test_a_crowd_that_says_nothing_is_turned_away(page: Page) -> None:
         one.close()
     assert still_there <= 64
     looking.close()
+
+
+def test_a_crowd_that_asks_and_does_not_read_leaves_no_trace(page: Page, caplog) -> None:
+    crowd = []
+    for _ in range(100):
+        crowd.append(socket.socket())
+        crowd[-1].setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        crowd[-1].connect(("127.0.0.1", page.port))
+        with contextlib.suppress(OSError):  # turned away already
+            crowd[-1].sendall(f"GET /page.js HTTP/1.1\r\nHost: localhost:{page.port}\r\n\r\n".encode() * 200)
+    time.sleep(0.5)
+    for one in crowd:
+        one.close()
+    assert page.status("GET", "/page.js") == 200
+    page.server.stop()
+    gc.collect()
+    assert not [record.getMessage() for record in caplog.records if record.name == "asyncio"]
 
 
 def test_stopping_ends_streams_at_once(live: LiveCalibrator) -> None:
