@@ -127,9 +127,12 @@ class LiveCamera(Subject[Outcome]):
 
     def searched(self, sighting: Sighting, verdict: Verdict) -> None:
         """A frame was searched: go on to the next pose where this one is reached."""
-        self.seeing.take(sighting)
         self.other_board.take(sighting)
         self.looks.take(sighting, verdict)
+        if self.views.image_size not in (None, sighting.image_size):  # it says nothing of what the kept views show
+            self.guide.searched(None)
+            return
+        self.seeing.take(sighting)
         outcome = self.outcome
         due = self.looks.last.number % _FRAMES_A_PLAN == 1
         if due and (outcome is None or outcome.advice is None):

@@ -20,6 +20,8 @@ from fisheye_ep_calib.ros.quality import LATCHED, LATCHED_STREAM, overridden
 from fisheye_ep_calib.storage.image_header import declared_size
 from fisheye_ep_calib.storage.pictures import Picture
 
+_MOST_SIZES_TOLD = 8  # of images that are not the camera's; images may come in ever other sizes
+
 
 class CalibrationPublisher:
     """CameraInfo and YAML are silent until the camera is calibrated, the overlay until somebody looks."""
@@ -35,6 +37,7 @@ class CalibrationPublisher:
         self._plain: PlainCameraInfo | None = None
         self._info: CameraInfo | None = None
         self._size = (0, 0)  # of the latest image
+        self._sizes_told: set[str] = set()
         self._header: Header | None = None
         self._lock = threading.Lock()
 
@@ -90,7 +93,13 @@ class CalibrationPublisher:
             width, height = self._size
             sizes = f"{width}×{height} pixels, its camera {info.width}×{info.height}"
             told = "no CameraInfo for them" if fitting is None else "CameraInfo has K and P for their size"
-            self._node.get_logger().warning(f"images of {self._camera.name} have {sizes}: {told}")
+            self._tell_size(f"images of {self._camera.name} have {sizes}: {told}")
+
+    def _tell_size(self, text: str) -> None:
+        """Once: images of two sizes may take turns."""
+        if text not in self._sizes_told and len(self._sizes_told) < _MOST_SIZES_TOLD:
+            self._sizes_told.add(text)
+            self._node.get_logger().warning(text)
 
     def check(self) -> None:
         """Make way for a driver whose CameraInfo has come later; call it now and then."""

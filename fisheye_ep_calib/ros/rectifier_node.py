@@ -20,6 +20,7 @@ from fisheye_ep_calib.ros.rectifier_parameters import declare, distance
 from fisheye_ep_calib.storage.pictures import Picture, decode_compressed_picture, decode_depth, decode_picture
 
 CHECK_PERIOD = 0.5  # seconds between looks at who publishes what
+CALM = 5.0  # seconds without an image that cannot be used, before all is said to be well again
 PREPARE = object()  # offered before the first image
 
 
@@ -102,7 +103,7 @@ class RectifierNode:
             samples = self._rectifier.rectify(picture.samples, self._distance, self._depth_for(message))
             self._images.publish(picture_message(Picture(samples, picture.encoding), header))
             self._rectified += 1
-            self._announcer.over("image", "images can be rectified again")
+            self._announcer.over("image", "images can be rectified again", CALM)
         if self._infos.get_subscription_count() > 0:
             self._info.header = header
             self._infos.publish(self._info)
@@ -132,7 +133,7 @@ class RectifierNode:
         if self._depth_used[0] is not depth:
             self._depth_used = depth, self._decoded(depth)
         if self._depth_used[1] is not None:
-            self._announcer.over("depth", "depth images are used")
+            self._announcer.over("depth", "depth images are used", CALM)
         return self._depth_used[1]
 
     def _decoded(self, depth: Any) -> np.ndarray | None:

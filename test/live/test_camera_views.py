@@ -6,15 +6,19 @@ import shutil
 import subprocess
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fisheye_ep_calib.errors import CalibrationError, InputError
+from fisheye_ep_calib.live.announcer import Announcer
+from fisheye_ep_calib.live.camera import LiveCamera
 from fisheye_ep_calib.live.camera_views import CameraViews, Verdict
 from fisheye_ep_calib.live.frame import Sighting
-from fisheye_ep_calib.live.settings import Limits
+from fisheye_ep_calib.live.settings import Limits, Tuning
+from fisheye_ep_calib.live.subject import Workplace
 from fisheye_ep_calib.planning.view_selection import Novelty
 from fisheye_ep_calib.storage import kept_file
 from fisheye_ep_calib.storage.observation_file import load_observations
@@ -208,6 +212,23 @@ def test_what_was_seen_before_a_reset_is_not_kept_after_it(tmp_path: Path) -> No
     assert not camera.keep(view, SIZE, before)
     assert camera.kept == () and not camera.file.exists()
     assert camera.keep(view, SIZE, camera.generation)
+
+
+def test_an_image_of_another_size_changes_nothing_of_what_is_known_of_the_camera(tmp_path: Path) -> None:
+    workplace = Workplace(None, Announcer(print, print), Tuning, lambda: None)  # type: ignore[arg-type]
+    camera = LiveCamera(views(tmp_path), "ep_odd", workplace, lambda outcome: None)
+
+    def see(light: np.ndarray, seen: Sighting) -> None:
+        camera.searched(replace(seen, light=light), consider(camera.views, seen))
+
+    see(np.full((40, 64), 200, np.uint8), sighting(0))
+    wanted, sight = camera.guide.wanted, camera.seeing.sight()
+    assert wanted is not None
+    for number in range(25):
+        stray = Sighting(f"stray {number}", (1, 1), Detection())
+        see(np.zeros((1, 1), np.uint8), stray if number % 2 else sighting(1, size=(640, 400)))
+    assert camera.guide.wanted is wanted and camera.seeing.image_size == SIZE
+    assert (camera.seeing.sight().lit == sight.lit).all()
 
 
 def test_novelty_is_a_setting(tmp_path: Path) -> None:

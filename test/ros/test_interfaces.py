@@ -129,7 +129,16 @@ def test_images_of_half_the_size_have_camera_info_for_theirs(start_calibrator, p
     assert (infos[0].width, infos[0].height, infos[0].binning_x) == (32, 24, 0)
     assert np.allclose(infos[0].k, [10, 0, 15.5, 0, 10, 11.5, 0, 0, 1]) and infos[0].d[0] == 0.01
     assert np.allclose(infos[0].p[:3], [10, 0, 15.5])
-    assert calibrator.said("32×24 pixels, its camera 64×48: CameraInfo has K and P for their size")
+    told = "32×24 pixels, its camera 64×48: CameraInfo has K and P for their size"
+    assert calibrator.said(told)
+
+    def of_width(width: int) -> Any:
+        images.publish(small_image(size=(width, width * 3 // 4)))
+        return infos[-1].width == width
+
+    for width in (64, 32, 64, 32):
+        wait_for(lambda width=width: of_width(width), f"CameraInfo of images {width} pixels wide")
+    assert calibrator.output.count(told) == 1
 
 
 def test_quality_of_service_is_overridden(start_calibrator, probe, camera_file) -> None:

@@ -151,7 +151,8 @@ def test_depth_images_move_each_pixel(start_rectifier, probe, camera_file) -> No
     expected = core.rectify(grey, depth=depth / 1000.0)
     assert not matches(core.rectify(grey))(message(expected, "mono8"))
     keep_sending(source, message(grey, "mono8"), images, matches(expected))
-    rectifier.wait_to_say("depth images are used")
+    again = message(grey, "mono8")
+    wait_for(lambda: source.publish(again) or rectifier.said("depth images are used"), "it to say so")
     depths.publish(message(depth, "64FC1", seconds=5.2))
     keep_sending(source, message(grey, "mono8"), images, matches(core.rectify(grey)))
     rectifier.wait_to_say("a depth image is 32FC1 or 16UC1")
@@ -221,8 +222,12 @@ def test_hostile_messages_are_told_once_and_survived(start_rectifier, probe, com
     if compressed:
         good = CompressedImage(format="png", data=array.array("B", cv2.imencode(".png", picture())[1].tobytes()))
         stamp(good, 5.0)
+    for _ in range(3):
+        keep_sending(source, good, images, lambda image: image.header.stamp.sec == 5)
+        source.publish(hostile(compressed)[0])
     keep_sending(source, good, images, lambda image: image.header.stamp.sec == 5)
-    rectifier.wait_to_say("images can be rectified again")
+    assert not rectifier.said("images can be rectified again")
+    wait_for(lambda: source.publish(good) or rectifier.said("images can be rectified again"), "the end of it")
     assert rectifier.output.count("an image cannot be rectified") == 1
     assert rectifier.interrupt()[0] == 0
     assert "Traceback" not in rectifier.output
