@@ -15,11 +15,13 @@ from fisheye_ep_calib.errors import CalibrationError
 from fisheye_ep_calib.live.announcer import Announcer
 from fisheye_ep_calib.live.frame import RawFrame
 from fisheye_ep_calib.storage.atomic import atomic_write
+from fisheye_ep_calib.storage.grey_levels import to_levels
 from fisheye_ep_calib.storage.images import grey_image, grey_of_compressed
 
 _RECENT = 8  # frames of a camera that another camera's view may still ask for
 _MOST_WAITING = 50  # images that wait for the disk; of more, the oldest are given up
 _COMPRESSION = 1  # of 9: higher takes several times as long for a few percent
+_BELOW, _STEPS = 128, 128  # of real numbers: grey levels from -128 to 384, of which the scene has 0 to 255, in steps
 
 
 class KeptImages:
@@ -95,8 +97,8 @@ def _png(frame: RawFrame) -> bytes:
     """The frame in grey, as deep as it came."""
     image = grey_of_compressed(frame) if frame.compressed else grey_image(frame)
     if image.dtype == np.float32:
-        low, high = float(np.nanmin(image)), float(np.nanmax(image))
-        image = np.nan_to_num((image - low) * (65535 / max(high - low, 1e-30))).astype(np.uint16)
+        # Over the range of the scene: one pixel that is infinite would leave the others none.
+        image = np.clip(np.rint((to_levels(image) + _BELOW) * _STEPS), 0, 65535).astype(np.uint16)
     content: np.ndarray = cv2.imencode(
         ".png", np.ascontiguousarray(image), [cv2.IMWRITE_PNG_COMPRESSION, _COMPRESSION]
     )[1]

@@ -60,7 +60,8 @@ def to_levels(grey: np.ndarray) -> np.ndarray:
     slope = np.float32(top / (scene.knee - scene.low))
     levels: np.ndarray = grey.astype(np.float32)  # changed in place: large images have several copies as it is
     levels -= np.float32(scene.low)
-    levels *= slope
+    with np.errstate(over="ignore"):  # of a hot pixel
+        levels *= slope
     return levels
 
 

@@ -26,7 +26,8 @@ _EVENT_SECONDS = 0.1  # between looks whether there is something new to tell
 _HEARTBEATS = 100  # looks after which the page is told all the same
 _SHOWN_SECONDS = 0.15  # after which a picture that no other has followed is sent again
 _MOST_LOOKING = 16  # streams at a time
-_MOST_ACTING = 4  # buttons pressed at a time
+_MOST_ACTING = 4  # buttons that do what they do at a time
+_MOST_PRESSED = 16  # that do or wait for it: more would wait for hours, and take memory
 _MOST_CONNECTIONS = 64  # that look at nothing: more would take the node's files, of which it has some thousand
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
 _POLICY += "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -67,6 +68,7 @@ class Application:
         self._pictures = pictures
         self._access = access
         self._looking: set[object] = set()  # connections
+        self._pressed = 0
         self._acting = ThreadPoolExecutor(_MOST_ACTING, "page action")
         self.app = web.Application(middlewares=[self._guarded], client_max_size=4096)
         for path, name in _STATIC_FILES.items():
@@ -163,8 +165,14 @@ class Application:
         action, camera = request.match_info["action"], request.query.get("camera")
         if action not in _ACTIONS or (camera is not None and camera not in self._content.names):
             raise web.HTTPNotFound
+        if self._pressed >= _MOST_PRESSED:
+            raise web.HTTPServiceUnavailable(reason="too much is under way already: wait for it")
         loop = asyncio.get_running_loop()
-        answer = await loop.run_in_executor(self._acting, self._content.act, action, camera)
+        self._pressed += 1
+        try:
+            answer = await loop.run_in_executor(self._acting, self._content.act, action, camera)
+        finally:
+            self._pressed -= 1
         return web.json_response({"success": answer.success, "text": answer.text}, headers=_HEADERS)
 
     def _camera(self, request: web.Request) -> str:

@@ -221,6 +221,23 @@ def test_a_crowd_that_asks_and_does_not_read_leaves_no_trace(page: Page, caplog)
     assert not [record.getMessage() for record in caplog.records if record.name == "asyncio"]
 
 
+def test_more_pressing_than_can_be_done_is_refused(page: Page, monkeypatch) -> None:
+    going_on, begun = threading.Event(), []
+    monkeypatch.setattr(
+        page.server.content, "act", lambda *_: begun.append(1) or Answer(going_on.wait(30), "done")
+    )  # nothing ends before it is told to
+    crowd = [socket.create_connection(("127.0.0.1", page.port), timeout=10) for _ in range(40)]
+    for one in crowd:
+        one.sendall(f"POST /do/save HTTP/1.1\r\nHost: localhost:{page.port}\r\nOrigin: {page.origin}\r\n\r\n".encode())
+    for one in crowd[16:]:
+        assert b"503" in one.recv(1 << 12).splitlines()[0]
+    going_on.set()
+    for one in crowd[:16]:
+        assert b'"success": true' in one.recv(1 << 12)
+        one.close()
+    assert len(begun) == 16 and page.status("POST", "/do/save", Origin=page.origin) == 200
+
+
 def test_stopping_ends_streams_at_once(live: LiveCalibrator) -> None:
     page = Page(live, WebSettings(port=0))
     links = [socket.create_connection(("127.0.0.1", page.port), timeout=10) for _ in range(5)]
