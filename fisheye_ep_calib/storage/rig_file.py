@@ -26,7 +26,7 @@ SCHEMA = 1
 RIG, CAMCHAIN = "rig.yaml", "camchain.yaml"
 _NOT_RIGID = 1e-6
 _FARTHEST = 1e6  # metres
-_LONGEST_NAME = 200
+_LONGEST_NAME = 200  # bytes
 
 
 @dataclass(frozen=True)
@@ -141,6 +141,11 @@ def _parsed(content: Any) -> RigFile:
         raise InputError(f"schema {shown(content['schema'])} is not known here; known: {SCHEMA}")
     given = mapping(needed(content, "cameras"), "cameras")
     cameras = {one_line(name, _LONGEST_NAME): mapping(block, f"cameras: {name}") for name, block in given.items()}
+    if not cameras:
+        raise InputError("cameras has none: name at least one")
+    for name in cameras:
+        if "/" in name or len(name.encode()) > _LONGEST_NAME:
+            raise InputError(f"camera {shown(name)}: names of files are made of it: {_LONGEST_NAME} bytes, and no /")
     return RigFile(
         one_line(needed(content, "reference"), _LONGEST_NAME),
         {name: _pose(needed(block, "reference_from_camera"), name) for name, block in cameras.items()},

@@ -222,3 +222,15 @@ def test_rig_files(tmp_path) -> None:
     (tmp_path / "rig.yaml").write_text(places_yaml({"a": np.eye(4), "b": far}))
     with pytest.raises(InputError, match="reference_from_camera"):
         load_rig(tmp_path / "rig.yaml")
+
+
+@pytest.mark.parametrize(
+    ("names", "words"), [((), "cameras has none"), (("a/b",), "camera 'a/b'"), (("ä" * 150,), "200 bytes")]
+)
+def test_rigs_whose_cameras_make_no_files(tmp_path, names, words) -> None:
+    content = yaml.safe_load(places_yaml({"a": np.eye(4)}))
+    content["cameras"] = {name: content["cameras"]["a"] for name in names}
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(content, allow_unicode=True), encoding="utf-8")
+    with pytest.raises(InputError, match=words) as refused:
+        load_rig(tmp_path / "rig.yaml")
+    assert str(refused.value).startswith(f"{tmp_path / 'rig.yaml'} is not a rig file")
