@@ -6,6 +6,7 @@ optical frames: x right, y down, z forward. (URDF, joint/origin.)
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from fisheye_ep_calib.formats.format import Format, Named, Written
@@ -21,7 +22,8 @@ def write(cameras: Sequence[PlacedCamera], _named: Named) -> Written:
 
     parent = frame_of(several(cameras)[0].name)
     words = (f"links NAME_optical_frame: x right, y down, z forward; the parent is {parent}",)
-    lines = ['<?xml version="1.0"?>', *(f"<!-- {line} -->" for line in words), '<robot name="cameras">']
+    comments = (re.sub("-(?=-)", "- ", line) for line in words)  # XML ends a comment at two hyphens
+    lines = ['<?xml version="1.0"?>', *(f"<!-- {line} -->" for line in comments), '<robot name="cameras">']
     lines += [f"  <link name={quoteattr(frame_of(placed.name))}/>" for placed in cameras]
     for placed in cameras[1:]:
         turn = Rotation.from_matrix(placed.reference_from_camera[:3, :3]).as_euler("xyz")

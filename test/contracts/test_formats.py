@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -138,6 +139,12 @@ def test_where_a_rigs_cameras_are_is_read_back(name, tmp_path, command) -> None:
         place = place @ PLACE
         np.testing.assert_allclose(reference_from_camera, place, atol=1e-12)
     command("export", "left.yaml", "--to", name, "--output", "one").refused(2, "rig")
+
+
+def test_hyphens_in_names_leave_xml_that_can_be_read(tmp_path) -> None:
+    done = export(rig(tmp_path, ("left---a", "right--b")), "urdf", tmp_path / "out")
+    links = ElementTree.parse(done.paths[0]).getroot().iter("link")
+    assert [link.get("name") for link in links] == ["left---a_optical_frame", "right--b_optical_frame"]
 
 
 @pytest.mark.parametrize("name", [name for name, one in FORMATS.items() if one.most_cameras])
