@@ -14,6 +14,7 @@ MAX_PIXELS = 2**27
 MAX_PIXELS_OF_FEW_BYTES = 2**25
 MAX_PIXELS_A_BYTE = 4
 MAX_SAMPLE_BYTES = 400_000_000  # of all channels, decoded
+MAX_TEXTS = 20  # of a PNG, compressed: a few thousand bytes each can unpack to megabytes
 MAX_SCANS = 100  # of a JPEG, each of which touches every pixel; progressive ones have some ten
 
 JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -22,6 +23,9 @@ JPEG_BARE_MARKERS = frozenset(range(0xD0, 0xD8)) | {0x01}
 PNM_HEADER = re.compile(rb"P[1-6](?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})\s")
 PNM_HEADER_BYTES = 4096
 PNM_MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6")
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+PNG_CHUNK_BYTES = 12  # of its length, kind and checksum
+PNG_PACKED_KINDS = frozenset({b"zTXt", b"iTXt", b"iCCP"})
 PNG_CHANNELS = {0: 1, 2: 3, 3: 4, 4: 4, 6: 4}
 KINDS = "PNG, JPEG, WebP, BMP, TIFF or PGM"
 
@@ -64,11 +68,8 @@ def _not_an_image(content: bytes | memoryview) -> str:
 def _size(content: bytes | memoryview) -> tuple[int, int, float] | None:
     """Width, height and bytes a decoded pixel; None where it is an image of no kind that is known."""
     start = bytes(content[:16])  # slices of a view are slow to compare
-    if start[:8] == b"\x89PNG\r\n\x1a\n":
-        if start[12:16] != b"IHDR":
-            raise InputError("the PNG has no header")
-        width, height, depth, colours = struct.unpack_from(">IIBB", content, 16)
-        return width, height, PNG_CHANNELS.get(colours, 4) * max(depth, 8) / 8
+    if start[:8] == PNG_MAGIC:
+        return _png_size(content)
     if start[:3] == b"\xff\xd8\xff":
         return _jpeg_size(content)
     if start[:2] == b"BM":
@@ -84,6 +85,26 @@ def _size(content: bytes | memoryview) -> tuple[int, int, float] | None:
         match = PNM_HEADER.match(bytes(content[:PNM_HEADER_BYTES]))
         return (int(match[1]), int(match[2]), 6) if match else None
     return None
+
+
+def _png_size(content: bytes | memoryview) -> tuple[int, int, float]:
+    """Of the header, the first chunk: length, IHDR, width, height, bits, colours. Then walk all chunks: a decoder
+    allocates what a chunk declares, and unpacks every text."""
+    if content[12:16] != b"IHDR":
+        raise InputError("the PNG has no header")
+    width, height, depth, colours = struct.unpack_from(">IIBB", content, 16)
+    position, kind, texts = len(PNG_MAGIC), b"", 0
+    while kind != b"IEND":
+        if position + PNG_CHUNK_BYTES > len(content):
+            raise InputError("the PNG is cut short")
+        length, kind = struct.unpack_from(">I4s", content, position)
+        position += PNG_CHUNK_BYTES + length
+        texts += kind in PNG_PACKED_KINDS
+    if position > len(content):
+        raise InputError("the PNG is cut short")
+    if texts > MAX_TEXTS:
+        raise InputError(f"the PNG has more than {MAX_TEXTS} compressed texts")
+    return width, height, PNG_CHANNELS.get(colours, 4) * max(depth, 8) / 8
 
 
 def _jpeg_size(content: bytes | memoryview) -> tuple[int, int, float]:

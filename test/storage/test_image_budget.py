@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.storage.image_header import MAX_SCANS, declared_size
+from fisheye_ep_calib.storage.image_header import MAX_SCANS, MAX_TEXTS, declared_size
 from fisheye_ep_calib.storage.images import decode_file_content, decode_image
 
 
@@ -22,11 +22,12 @@ def png(width: int, height: int, depth: int = 8, colours: int = 0) -> bytes:
     row = bytes(1 + width * {0: 1, 2: 3, 6: 4}[colours] * depth // 8)
     data = b"".join(packer.compress(row) for _ in range(min(height, 64))) + packer.flush()
 
-    def chunk(kind: bytes, content: bytes) -> bytes:
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-
     head = struct.pack(">IIBBBBB", width, height, depth, colours, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+def chunk(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
 
 @pytest.mark.parametrize(
@@ -45,6 +46,30 @@ def test_more_pixels_than_the_bytes_can_tell_of(content, words) -> None:
 
 def test_a_photograph_of_60_megapixels_is_one() -> None:
     assert declared_size(png(9504, 6336) + bytes(16 * 2**20)) == (9504, 6336)
+
+
+@pytest.mark.parametrize("kind", [b"IDAT", b"tEXt", b"IEND", b"fdAT"])
+@pytest.mark.parametrize("length", [2**16, 2**31 - 1, 2**31, 2**32 - 1])
+def test_a_chunk_of_a_png_that_is_longer_than_the_file(kind, length) -> None:
+    """A decoder would allocate what it declares."""
+    whole = png(64, 64)
+    at = whole.index(b"IDAT") - 4
+    content = whole[:at] + struct.pack(">I", length) + kind + whole[at + 8 :]
+    with pytest.raises(InputError, match="the PNG is cut short"):
+        declared_size(content)
+    for keep in range(33, len(whole)):
+        with pytest.raises(InputError, match="the PNG is cut short"):
+            declared_size(whole[:keep])
+    assert declared_size(whole) == declared_size(whole + b"more") == (64, 64)
+
+
+def test_the_texts_of_a_png_are_counted() -> None:
+    text = chunk(b"zTXt", b"comment\0\0" + zlib.compress(bytes(10**6), 9))
+    whole = png(64, 64)
+    at = whole.index(b"IDAT") - 4
+    assert decode_file_content(whole[:at] + MAX_TEXTS * text + whole[at:]).shape == (64, 64)
+    with pytest.raises(InputError, match="texts"):
+        declared_size(whole[:at] + (MAX_TEXTS + 1) * text + whole[at:])
 
 
 def test_the_scans_of_a_jpeg_are_counted() -> None:
