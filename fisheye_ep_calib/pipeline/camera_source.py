@@ -23,6 +23,8 @@ from fisheye_ep_calib.target import Target
 
 _log = logging.getLogger(__name__)
 
+MOST_IMAGES, MOST_PLACES = 1200, 80_000  # of an observation file; a calibration takes up to 15 kB a place
+
 
 @dataclass(frozen=True)
 class CameraSource:
@@ -125,6 +127,25 @@ def _source_of_file(path: Path, split: str | None) -> CameraSource:
             raise InputError(f"{path} marks no image as {split}")
     read = {"read": time.perf_counter() - began, "detect": 0.0}
     return CameraSource(safe_name(path.stem), observations, str(path), seconds=read)
+
+
+def within_memory(camera: CameraSource) -> CameraSource:
+    """The camera with as many of its images, evenly spaced, as a calibration has memory for.
+
+    Memory goes with the sightings, and half as much with images × points of the target, seen or not.
+    """
+    observations = camera.observations
+    images, sightings = np.unique(observations.image_index), len(observations.pixels)
+    places = (2 * sightings + len(images) * len(observations.object_points)) / 3
+    most = min(MOST_IMAGES, int(len(images) * MOST_PLACES / places))
+    if most >= len(images):
+        return camera
+    kept = images[np.linspace(0, len(images) - 1, most).round().astype(int)]
+    observations = observations.select_images(kept)
+    _log.warning(
+        "%s: %d of %d images are used, evenly spaced: memory is planned for no more", camera.source, most, len(images)
+    )
+    return replace(camera, outcome=observations)
 
 
 def _differently_named(cameras: list[CameraSource]) -> list[CameraSource]:

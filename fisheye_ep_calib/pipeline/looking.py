@@ -20,7 +20,7 @@ from fisheye_ep_calib.collection.collector import Guide
 from fisheye_ep_calib.collection.progress import OnProgress, seldom, unheard
 from fisheye_ep_calib.errors import CalibrationError, InputError, Interrupted
 from fisheye_ep_calib.outside import checked_paths
-from fisheye_ep_calib.pipeline.camera_source import CameraSource, source_of_run, sources_of_files
+from fisheye_ep_calib.pipeline.camera_source import CameraSource, source_of_run, sources_of_files, within_memory
 from fisheye_ep_calib.pipeline.found_so_far import Log, keeping_what_was_found
 from fisheye_ep_calib.pipeline.names import Topics, named_topics
 from fisheye_ep_calib.pipeline.options import LOOK_OPTIONS, refuse_unknown_options
@@ -186,7 +186,7 @@ def camera_sources(
         for option in ("topics", "every"):
             if getattr(look, option):
                 raise InputError(f"`{option}` is for images in recordings; an observation file has none")
-        cameras = sources_of_files(files, split)
+        cameras = [within_memory(camera) for camera in sources_of_files(files, split)]
         before_looking([camera.name for camera in cameras])
         yield cameras, None
         return

@@ -219,6 +219,19 @@ def test_a_view_of_one_line_says_so(observations) -> None:
     assert found.failed == {7: "its points lie on one line"}
 
 
+@pytest.mark.parametrize("axes", [(0, 1), (1,), (0,)])
+def test_pixels_on_one_line_or_place_are_no_view(observations, axes) -> None:
+    """A camera that sees the target edge-on, or a file that says so: the pose is not determined."""
+    pixels = observations.pixels.copy()
+    flat = np.flatnonzero(observations.image_index == 7)
+    pixels[np.ix_(flat, axes)] = 300.0
+    found = evaluate_camera(CAMERA, replace(observations, pixels=pixels))
+    assert found.failed == {7: "its points lie on one line"}
+    pixels[:, axes] = 300.0
+    with pytest.raises(CalibrationError, match="0 views have at least 4 points, not on one line|views are alike"):
+        calibrate(replace(observations, pixels=pixels))
+
+
 def test_points_that_no_camera_explains(observations) -> None:
     anywhere = np.random.default_rng(3).uniform(0, 1199, observations.pixels.shape)
     with pytest.raises(CalibrationError, match="check that the target file describes the board|remain"):

@@ -111,19 +111,28 @@ def why_no_pose(observations: Observations, image: int) -> str:
 
 
 def _images_with_points(observations: Observations) -> np.ndarray:
-    """Image numbers (V,), sorted, of the images with enough points for a pose, not all of them on one line."""
+    """Image numbers (V,), sorted, of the images with enough points for a pose, on one line neither on the target nor in
+    the image."""
     used = observations.weights > 0
     images, view, counts = np.unique(observations.image_index[used], return_inverse=True, return_counts=True)
-    points = observations.object_points[observations.point_index[used]]
-    points = points - observations.object_points.mean(axis=0)
-    scatter = np.empty((len(images), 3, 3))
-    middle = np.stack([np.bincount(view, points[:, i]) for i in range(3)], axis=-1) / counts[:, None]
-    for i in range(3):
+    points = observations.object_points[observations.point_index[used]] - observations.object_points.mean(axis=0)
+    enough = counts >= MIN_POINTS
+    for values in (points, observations.pixels[used] - np.array(observations.image_size) / 2):
+        spread = np.linalg.eigvalsh(_scatter(values, view, counts))
+        enough &= spread[:, -2] > _ON_A_LINE * spread[:, -1]
+    return images[enough]
+
+
+def _scatter(values: np.ndarray, view: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """The covariance (V, k, k) of the values (M, k) of each view."""
+    axes = range(values.shape[1])
+    middle = np.stack([np.bincount(view, values[:, i]) for i in axes], axis=-1) / counts[:, None]
+    scatter = np.empty((len(counts), len(axes), len(axes)))
+    for i in axes:
         for j in range(i + 1):
-            products = np.bincount(view, points[:, i] * points[:, j]) / counts
+            products = np.bincount(view, values[:, i] * values[:, j]) / counts
             scatter[:, i, j] = scatter[:, j, i] = products - middle[:, i] * middle[:, j]
-    spread = np.linalg.eigvalsh(scatter)
-    return images[(counts >= MIN_POINTS) & (spread[:, 1] > _ON_A_LINE * spread[:, 2])]
+    return scatter
 
 
 def _count(number: int, singular: str, plural: str) -> str:
