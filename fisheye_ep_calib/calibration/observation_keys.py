@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.plain_text import one_line, shown
-from fisheye_ep_calib.target.schema import MOST_POINTS
+from fisheye_ep_calib.target.schema import LEAST_LENGTH, MOST_POINTS
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import FREE
 
@@ -74,10 +74,13 @@ def _board(deviation: np.ndarray | None, object_points: np.ndarray, metres: floa
 
 
 def check_points(object_points: np.ndarray) -> None:
-    """Raises InputError where there are too many points, or one is farther off than any target is large."""
+    """Raises InputError where there are too many points, or they span more or less than any target does."""
     if object_points.size > 3 * MOST_POINTS:
         raise InputError(f"object_points are {len(object_points)}; at most {MOST_POINTS} are read")
     _check_lengths("object_points", object_points)
+    span = np.ptp(object_points, axis=0).max(initial=0.0) if object_points.ndim == 2 and object_points.size else 0.0
+    if 0 < span < LEAST_LENGTH:
+        raise InputError(f"object_points span {span:.3g} m, less than anything that can be seen: is unit right?")
 
 
 def check_density(images: int, points: int, sightings: int) -> None:

@@ -43,6 +43,8 @@ ARRAYS = {
         ("weights", np.full(36, 1e308), "weights has 1e\\+308"),
         ("weights", np.full(36, 1e-300), "weights has 1e-300"),
         ("object_points", GRID * 1e200, "object_points reaches"),
+        ("object_points", GRID * 1e-9, "object_points span"),
+        ("object_points", np.float64(3), "object_points"),
         ("object_points", np.zeros((10_001, 3)), "at most 10000"),
         ("disc_radius", np.array(1e200), "disc_radius reaches"),
         ("board_deviation", GRID * 1e100, "board_deviation moves"),
