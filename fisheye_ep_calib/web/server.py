@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import importlib.util
-import os
 import select
 import socket
 import threading
@@ -18,9 +17,6 @@ from fisheye_ep_calib.web.settings import WebSettings
 
 PORTS = 20  # that are tried, one after the other
 _LONGEST_END = 1.0  # seconds for the thread to end
-# asyncio's sendfile fails, and leaves its task behind, where the connection is closed meanwhile. Read by aiohttp as it
-# is loaded; set as this module is, while there is one thread.
-os.environ["AIOHTTP_NOSENDFILE"] = "1"
 
 
 class PageServer:
