@@ -42,8 +42,8 @@ def text(browser: HeadlessBrowser, place: str) -> str:
     return str(browser.evaluate(f"document.getElementById({place!r}).textContent"))
 
 
-def press(browser: HeadlessBrowser, action: str) -> None:
-    browser.evaluate(f"document.querySelector('#camera [data-action={action}]').click()")
+def press(browser: HeadlessBrowser, action: str, before: str = "") -> None:
+    browser.evaluate(f"{before}; document.querySelector('#camera [data-action={action}]').click()")
 
 
 def answered(browser: HeadlessBrowser) -> str:
@@ -92,9 +92,10 @@ def test_the_page_shows_streams_and_acts(start_calibrator, start_publisher, brow
     views = status(browser)["views"]
     press(browser, "reset")
     assert f"All {views} views" in text(browser, "ask-text")
-    browser.evaluate("document.querySelector('#ask [value=no]').click()")
+    # At once, so that the first dialog's close is told while the second is open.
+    press(browser, "reset", before="document.querySelector('#ask [value=no]').click()")
+    browser.evaluate("new Promise(done => setTimeout(done, 100))")
     assert status(browser)["views"] == views and (folder / "front.npz").exists()
-    press(browser, "reset")
     browser.evaluate("document.querySelector('#ask [value=yes]').click()")
     wait_for(lambda: status(browser)["views"] == 0, "the reset")
     assert f"{views} views set aside" in answered(browser) and not (folder / "front.npz").exists()

@@ -322,7 +322,9 @@ function ask(text) {
   at("ask-text").textContent = text;
   dialog.returnValue = "no";
   dialog.showModal();
-  return new Promise((resolve) => { dialog.onclose = () => resolve(dialog.returnValue === "yes"); });
+  return new Promise((resolve) => {
+    dialog.onclose = () => { if (!dialog.open) resolve(dialog.returnValue === "yes"); }; // open: it is of the one before
+  });
 }
 
 const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
