@@ -18,6 +18,7 @@ from fisheye_ep_calib.rig.synchronisation import simultaneous
 _LEAST_VIEWS = 3
 _MOST_CANDIDATES = 300
 _SCORED_VIEWS = 24
+_MOST_DIFFERENCES = 4_000_000  # of pairs of images: more propose nothing that these do not
 _ENOUGH = 0.5  # of the most common views that any difference gives
 _CLEAR = 1.5  # times as well as any other difference the found one makes the views agree
 
@@ -100,11 +101,12 @@ def clocks_of_rig(
 
 def _candidates(a: np.ndarray, b: np.ndarray, tolerance: int) -> list[int]:
     """Differences of the stamps, ns, that many pairs of images share; no two within the tolerance of each other."""
-    differences = np.sort(np.subtract.outer(b, a).ravel())
+    drawn = np.random.default_rng(0).permutation(a)[: max(_MOST_DIFFERENCES // max(len(b), 1), 1)]
+    differences = np.sort(np.subtract.outer(b, drawn).ravel())
     if len(differences) == 0:
         return []
     counts = np.searchsorted(differences, differences + tolerance, side="right") - np.arange(len(differences))
-    most = min(counts.max(), min(len(a), len(b)))
+    most = min(counts.max(), min(len(drawn), len(b)))
     chosen: list[int] = []
     for start in np.argsort(-counts, kind="stable"):
         if counts[start] < max(_LEAST_VIEWS, _ENOUGH * most) or len(chosen) == _MOST_CANDIDATES:

@@ -18,6 +18,8 @@ from fisheye_ep_calib.rig.symmetry import Symmetry
 WORST_DISAGREEMENT = 0.2  # of the distance to the target: poses that differ by more agree on nothing
 _OTHER = 0.10  # of that distance: answers that differ by more are different answers
 _CLEAR = 2.0  # the best answer fits this many times better than the next one
+_MOST_PROPOSING = 200  # views that propose answers; all judge them, so that the cost goes with the views
+_MOST_AT_ONCE = 20_000  # poses: bounds the memory
 
 
 @dataclass(frozen=True)
@@ -37,23 +39,24 @@ class PairPose:
 def pair_pose(
     a_from_target: np.ndarray, b_from_target: np.ndarray, symmetries: Sequence[Symmetry], points: np.ndarray
 ) -> PairPose:
-    """The relative pose that most of the common views agree on.
+    """The relative pose that most of the common views agree on, among those that a part of the views proposes.
 
     a_from_target, b_from_target (V, 4, 4): poses in the same views, V ≥ 1. points (n, 3): the target's, metres.
     """
     turned = np.stack([a_from_target @ symmetry.motion for symmetry in symmetries], axis=1)
-    candidates = turned @ np.linalg.inv(b_from_target)[:, None]
-    disagreement = np.stack(
-        [_disagreement(candidate, turned, b_from_target, points) for candidate in candidates.reshape(-1, 4, 4)]
-    )
+    # Drawn, as wrong views may come at regular intervals.
+    proposing = np.sort(np.random.default_rng(0).permutation(len(turned))[:_MOST_PROPOSING])
+    candidates = (turned[proposing] @ np.linalg.inv(b_from_target[proposing])[:, None]).reshape(-1, 4, 4)
+    disagreement = np.stack([_disagreement(candidate, turned, b_from_target, points) for candidate in candidates])
     square = np.minimum(disagreement, WORST_DISAGREEMENT) ** 2
     best = int(np.argmin(square.mean(axis=1)))
-    chosen = candidates.reshape(-1, 4, 4)[best]
+    chosen = candidates[best]
     agreeing = disagreement[best] < WORST_DISAGREEMENT
     cost = square[:, agreeing].mean(axis=1)
     ambiguous = False
     if len(symmetries) > 1:
-        apart = _apart(candidates.reshape(-1, 4, 4), chosen, b_from_target, points)
+        parts = np.array_split(candidates, 1 + len(candidates) * len(turned) // _MOST_AT_ONCE)
+        apart = np.concatenate([_apart(part, chosen, b_from_target, points) for part in parts])
         others = cost[apart > _OTHER]
         ambiguous = bool(len(others) and others.min() < _CLEAR**2 * cost[best] + 1e-12)
     return PairPose(chosen, int(agreeing.sum()), float(np.sqrt(cost[best])), ambiguous, len(agreeing))

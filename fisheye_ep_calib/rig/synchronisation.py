@@ -23,23 +23,34 @@ def simultaneous(stamps_ns: Sequence[np.ndarray], tolerance_ns: int) -> np.ndarr
     stamp = np.concatenate([np.asarray(stamps, dtype=np.int64) for stamps in stamps_ns])
     order = np.argsort(stamp, kind="stable")
     camera, image, stamp = camera[order], image[order], stamp[order]
-    # Moments are runs of the sorted images: first[i] and last[i] are kept for the ends of each run.
-    first, last = np.arange(len(stamp)), np.arange(len(stamp))
     gap = np.diff(stamp)
-    for left in np.argsort(gap, kind="stable"):
-        if gap[left] > tolerance_ns:
-            break
+    # Moments are runs of the sorted images, told by where they begin.
+    begins = np.concatenate([np.ones(min(len(stamp), 1), bool), gap > tolerance_ns])
+    plain = _whole_moments(stamp, camera, begins, tolerance_ns)
+    begins |= ~plain
+    first, last = np.arange(len(stamp)), np.arange(len(stamp))  # kept for the ends of each run
+    close = np.flatnonzero(~plain[:-1] & (gap <= tolerance_ns))
+    for left in close[np.argsort(gap[close], kind="stable")]:
         start, end = first[left], last[left + 1]
         cameras = camera[start : end + 1]
         if stamp[end] - stamp[start] <= tolerance_ns and len(np.unique(cameras)) == len(cameras):
             first[end], last[start] = start, end
-    moments, start = [], 0
-    while start < len(stamp):
-        moment = np.full(len(stamps_ns), -1)
-        moment[camera[start : last[start] + 1]] = image[start : last[start] + 1]
-        moments.append(moment)
-        start = last[start] + 1
-    return np.array(moments, dtype=int).reshape(-1, len(stamps_ns))
+            begins[left + 1] = False
+    moment = np.cumsum(begins) - 1
+    moments = np.full((int(begins.sum()), len(stamps_ns)), -1)
+    moments[moment, camera] = image
+    return moments
+
+
+def _whole_moments(stamp: np.ndarray, camera: np.ndarray, begins: np.ndarray, tolerance_ns: int) -> np.ndarray:
+    """Which sorted images (n,) are of a group, begun where the gap is wide, that is one moment as it is."""
+    group = np.cumsum(begins) - 1
+    count = np.bincount(group)
+    end = np.cumsum(count) - 1
+    of_camera = int(camera.max(initial=0)) + 1
+    cameras = np.bincount(np.unique(group * of_camera + camera) // of_camera, minlength=len(count))
+    whole: np.ndarray = ((stamp[end] - stamp[begins] <= tolerance_ns) & (cameras == count))[group]
+    return whole
 
 
 def nearest_ns(first: np.ndarray, second: np.ndarray) -> int:

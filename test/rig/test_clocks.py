@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from simulated_rig import PERIOD_NS, place, targets_between
@@ -36,6 +38,17 @@ def test_the_difference_that_makes_the_views_agree(offset) -> None:
     clock = found(stamps, a, b_stamps[kept], b[kept])
     assert clock is not None and abs(clock.offset_ns - offset) < 10**6
     assert clock.common == clock.agreeing == 15
+
+
+def test_thousands_of_images_compare_a_part_of_their_stamps() -> None:
+    a, b = poses(5000)
+    stamps = 10**18 + np.cumsum(np.random.default_rng(0).integers(5 * 10**7, 15 * 10**7, 5000))
+    tracemalloc.start()
+    clock = found(stamps, a, stamps + 37 * 10**8, b)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert clock is not None and clock.offset_ns == 37 * 10**8 and clock.agreeing == 5000
+    assert most < 3e8  # bytes; every pair of images takes more than a gigabyte
 
 
 def test_a_board_at_rest_does_not_tell() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from simulated_rig import errors, place, targets_between
@@ -67,6 +69,20 @@ def test_wrong_views_are_outvoted() -> None:
     b[:5] = seen_by_both(5, seed=99)[1]
     found = pair_pose(a, b, symmetries(TARGET.object_points), TARGET.object_points)
     assert found.views == 7 and errors(found.a_from_b, A_FROM_B)[1] < 1e-3
+
+
+def test_thousands_of_views_cost_as_many_times_one() -> None:
+    """Of every 20 views 9 are wrong, at regular places; memory goes with the views, not with their pairs."""
+    a, b = seen_by_both(3000)
+    wrong = np.arange(3000) % 20 < 9
+    b[wrong] = seen_by_both(int(wrong.sum()), seed=99)[1]
+    tracemalloc.start()
+    found = pair_pose(a, b, symmetries(TARGET.object_points), TARGET.object_points)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 1650 <= found.views < 1750  # few of the wrong ones agree by chance
+    assert errors(found.a_from_b, A_FROM_B)[1] < 1e-3
+    assert most < 3e8  # bytes; every pair of views takes gigabytes
 
 
 def test_a_target_that_never_moves_does_not_tell_which_way_it_is() -> None:
