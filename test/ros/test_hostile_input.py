@@ -110,11 +110,15 @@ def test_hostile_messages_are_counted_told_once_and_survived(start_calibrator, p
     def unreadable(camera: str) -> int:
         return json.loads(statuses[-1].data)["cameras"][camera]["unreadable"] if statuses else 0
 
-    for camera, publisher, messages in (("front", front, RAW), ("rear", rear, COMPRESSED)):
-        for number, message in enumerate(messages):
-            message.header.frame_id = "../../../../tmp/evil"
-            publisher.publish(message)
-            wait_for(lambda camera=camera, number=number: unreadable(camera) > number, f"{camera} {number}")
+    for number in range(max(len(RAW), len(COMPRESSED))):
+        sent = {"front": RAW[: number + 1], "rear": COMPRESSED[: number + 1]}
+        for publisher, messages in ((front, RAW), (rear, COMPRESSED)):
+            for message in messages[number : number + 1]:
+                message.header.frame_id = "../../../../tmp/evil"
+                publisher.publish(message)
+        wait_for(
+            lambda sent=sent: all(unreadable(camera) == len(messages) for camera, messages in sent.items()), str(number)
+        )
 
     def looked_at() -> int:
         return json.loads(statuses[-1].data)["cameras"]["front"]["searched"]

@@ -99,13 +99,13 @@ def test_heavy_tails_cost_few_points(observations) -> None:
     assert len(result.rejected) < 0.01 * len(noise) and not result.wrong_views
 
 
-@pytest.mark.parametrize("weight", [0.01, 100.0])
 @pytest.mark.parametrize(("views", "share"), [(20, 0.05), (8, 0.2)])
-def test_the_unit_of_the_weights_does_not_matter(weight, views, share) -> None:
+def test_the_unit_of_the_weights_does_not_matter(views, share) -> None:
     observations, wrong = with_gross_errors(seen_board(views=views), share)
     one = calibrate(observations, "ep_even")
-    other = calibrate(replace(observations, weights=weight * observations.weights), "ep_even")
-    assert {(p.view, p.point) for p in one.rejected} == {(p.view, p.point) for p in other.rejected}
     assert len(one.rejected) >= wrong.sum()
-    assert other.camera.fx == pytest.approx(one.camera.fx, rel=1e-6)
-    assert other.uncertainty.sigma_px == pytest.approx(weight * one.uncertainty.sigma_px, rel=1e-4)
+    for weight in (0.01, 100.0):
+        other = calibrate(replace(observations, weights=weight * observations.weights), "ep_even")
+        assert {(p.view, p.point) for p in one.rejected} == {(p.view, p.point) for p in other.rejected}
+        assert other.camera.fx == pytest.approx(one.camera.fx, rel=1e-6)
+        assert other.uncertainty.sigma_px == pytest.approx(weight * one.uncertainty.sigma_px, rel=1e-4)
