@@ -23,8 +23,9 @@ STATIC = Path(__file__).with_name("static")
 _STATIC_FILES = {"/": "page.html", "/page.css": "page.css", "/page.js": "page.js", "/icon.svg": "icon.svg"}
 _ACTIONS = ("calibrate", "save", "reset", "commit", "report")
 _EVENT_SECONDS = 0.1  # between looks whether there is something new to tell
-_HEARTBEATS = 100  # looks after which the page is told all the same
+_HEARTBEATS = 20  # looks after which the page is told all the same: it listens anew after five times as long
 _SHOWN_SECONDS = 0.15  # after which a picture that no other has followed is sent again
+_GONE_SECONDS = 0.5  # after which it is looked whether who waits for a picture is still there
 _MOST_LOOKING = 16  # streams at a time
 _MOST_ACTING = 4  # buttons that do what they do at a time
 _MOST_PRESSED = 16  # that do or wait for it: more would wait for hours, and take memory
@@ -131,7 +132,8 @@ class Application:
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         """Motion JPEG: the newest picture, again and again, as fast as it comes and the link takes it.
 
-        Chromium shows a picture once another follows: one that none follows is sent a second time.
+        Chromium shows a picture once another follows: one that none follows is sent a second time. Who goes while
+        no picture comes is noticed too.
         """
         camera = self._camera(request)
         response = web.StreamResponse(headers={**_HEADERS, "Content-Type": "multipart/x-mixed-replace; boundary=frame"})
@@ -142,11 +144,15 @@ class Application:
                 await response.write(b"--frame\r\n")
                 number, picture, shown = 0, b"", True
                 while True:
-                    following = self._pictures.after(camera, number)
+                    patience = _GONE_SECONDS if shown else _SHOWN_SECONDS
                     try:
-                        number, picture = await (following if shown else asyncio.wait_for(following, _SHOWN_SECONDS))
+                        number, picture = await asyncio.wait_for(self._pictures.after(camera, number), patience)
                         shown = False
                     except asyncio.TimeoutError:
+                        if request.transport is None:
+                            return response
+                        if shown:
+                            continue
                         shown = True
                     head = f"Content-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n"
                     await response.write(head.encode() + picture + b"\r\n--frame\r\n")
@@ -171,7 +177,7 @@ class Application:
     async def _act(self, request: web.Request) -> web.StreamResponse:
         action, camera = request.match_info["action"], request.query.get("camera")
         if action not in _ACTIONS or (camera is not None and camera not in self._content.names):
-            raise web.HTTPNotFound
+            raise web.HTTPNotFound(reason="the node has no such camera")
         if self._pressed >= _MOST_PRESSED:
             raise web.HTTPServiceUnavailable(reason="too much is under way already: wait for it")
         loop = asyncio.get_running_loop()

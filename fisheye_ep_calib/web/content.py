@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -76,9 +77,13 @@ class PageContent:
 
     def files(self) -> list[dict[str, Any]]:
         """Results in the output folder itself that can be had, the newest first."""
+        found = []
+        for path in self._offered().values():
+            with contextlib.suppress(OSError):  # renamed meanwhile
+                found.append((path, path.stat()))
         return [
-            {"name": path.name, "bytes": path.stat().st_size, "report": path.suffix == ".html"}
-            for path in sorted(self._offered().values(), key=lambda path: -path.stat().st_mtime_ns)
+            {"name": path.name, "bytes": about.st_size, "report": path.suffix == ".html"}
+            for path, about in sorted(found, key=lambda one: -one[1].st_mtime_ns)
         ]
 
     def file(self, name: str) -> Path | None:

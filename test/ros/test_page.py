@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import signal
+import socket
 import time
 from pathlib import Path
 from typing import Any
@@ -110,6 +112,110 @@ def test_the_page_shows_streams_and_acts(start_calibrator, start_publisher, brow
     assert all(url.startswith(page_of(node)) for url in browser.requests())
     assert node.interrupt()[0] == 0 and "Traceback" not in node.output
     wait_for(lambda: text(browser, "link") == "the node does not answer", "the page to say that the node is gone")
+
+
+def asleep(browser: HeadlessBrowser) -> None:
+    """As after a minute in which the page, or its link, slept."""
+    browser.evaluate("heardAt -= 60000")
+
+
+def cameras_shown(browser: HeadlessBrowser) -> str:
+    return str(browser.evaluate("[...document.querySelectorAll('#tabs button')].map(tab => tab.textContent).join()"))
+
+
+def picture_is_there(browser: HeadlessBrowser) -> bool:
+    there = "document.querySelector('.picture').classList.contains('empty') ? 0 : at('stream').naturalWidth"
+    return bool(browser.evaluate(there) == 1024)
+
+
+def test_the_page_outlives_its_node_and_a_link_that_ends_without_a_word(
+    start_calibrator, start_publisher, browser, rendered, tmp_path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    common = {"target": TARGET, "web_port": port, "rear__topic": "/front/image_raw", "auto_calibrate": "false"}
+    node = start_calibrator(cameras="[front, rear]", output_directory=tmp_path / "first", **common)
+    browser.visit(page_of(node) + "/#rear", width=1366, height=768)
+    start_publisher(rendered, 5, "/front/image_raw")
+    wait_for(lambda: picture_is_there(browser), "the picture")
+
+    node.process.send_signal(signal.SIGSTOP)
+    asleep(browser)
+    wait_for(lambda: text(browser, "link") == "the node does not answer", "the silence to be told")
+    node.process.send_signal(signal.SIGCONT)
+    wait_for(lambda: text(browser, "link") != "the node does not answer", "the node to be heard again")
+    wait_for(lambda: picture_is_there(browser), "the picture to come back")
+
+    press(browser, "reset")
+    assert "calibration of rear are set aside" in text(browser, "ask-text")
+    node.end()
+    wait_for(lambda: text(browser, "link") == "the node does not answer", "the node's end")
+    node = start_calibrator(cameras="[front, left]", output_directory=tmp_path / "second", **common)
+    wait_for(lambda: cameras_shown(browser) == "front,left", "the node of other cameras")
+    browser.evaluate("document.querySelector('#ask [value=yes]').click()")
+    assert answered(browser) == "The node has no such camera"
+    assert [url.partition("/do/")[2] for url in browser.requests() if "/do/" in url] == ["reset?camera=rear"]
+    node.end()
+
+    start_calibrator(cameras="[front, rear]", output_directory=tmp_path / "third", rig="true", **common)
+    wait_for(lambda: cameras_shown(browser) == "front,rear,rig", "the first cameras")
+    assert browser.evaluate("chosen") == "rear"
+    wait_for(lambda: picture_is_there(browser), "the picture of the node that was started anew")
+
+
+def test_on_a_slow_link_nothing_late_takes_the_place_of_what_is_newer(start_calibrator, browser, tmp_path) -> None:
+    node = start_calibrator(cameras="[front, rear]", target=TARGET, output_directory=tmp_path, web_port=0)
+    browser.visit(page_of(node) + "/#%", width=1366, height=768)
+    wait_for(lambda: text(browser, "say") == "Hold the target before the camera", "the first sentence")
+
+    wait_for(lambda: not browser.evaluate("refreshing"), "the charts")
+    browser.evaluate("events.close(); heardAt = Infinity; 0")  # what the node says would come between
+
+    # Versions change faster than a slow link tells the first: one is fetched at a time, and the last of all is shown.
+    browser.evaluate("""{
+        window.straight = window.fetch;
+        window.underWay = window.most = window.broken = 0;
+        window.asked = [];
+        window.fetch = async (path, options) => {
+            if (path === "files" && broken) throw new Error("broken");
+            if (!path.startsWith("progress")) return straight(path, options);
+            most = Math.max(most, ++underWay);
+            asked.push(latest.cameras.front.version);
+            await new Promise(later => setTimeout(later, 100));
+            return straight(path, options).finally(() => { underWay -= 1; });
+        };
+        for (let k = 1; k <= 5; k += 1) { latest.cameras.front.version = `test ${k}`; show(); }
+    }""")
+    wait_for(lambda: browser.evaluate("asked.length > 1 && !refreshing"), "the charts of the last version")
+    assert browser.evaluate("[most, ...asked]") == [1, "test 1", "test 5"]
+
+    # What was told of one camera does not stay for another.
+    sign = browser.evaluate("""(() => {
+        latest.cameras.front.look = { event: "kept", number: 7, points: 77, of: 77, view: 3 };
+        latest.cameras.rear.look = { event: "no target", number: 7, points: 0, of: 77, view: 0 };
+        show();
+        const before = at("sign").textContent;
+        const late = at("stream");
+        document.querySelector("#tabs [data-name=rear]").click();
+        late.dispatchEvent(new Event("load"));
+        return [before, at("sign").textContent, document.querySelector(".picture").className];
+    })()""")
+    assert sign[0].startswith("Kept") and sign[1] == "No target" and sign[2] == "picture empty"
+
+    # An action's answer stays though the list of files cannot be had after it.
+    browser.evaluate("broken = 1")
+    press(browser, "save")
+    assert answered(browser).startswith("Front: ")
+    browser.evaluate("new Promise(done => setTimeout(done, 50))")
+    assert answered(browser).startswith("Front: ")
+    # A question answered and asked again at once: both answers count.
+    browser.evaluate("window.answers = []; ask('first').then(yes => answers.push(yes)); 0")
+    browser.evaluate(
+        "document.querySelector('#ask [value=yes]').click(); ask('second').then(yes => answers.push(yes)); 0"
+    )
+    browser.evaluate("document.querySelector('#ask [value=no]').click(); new Promise(done => setTimeout(done, 100))")
+    assert browser.evaluate("answers") == [True, False]
+    assert browser.complaints() == []
 
 
 def test_on_a_phone_and_on_a_desk(start_calibrator, start_publisher, browser, rendered, tmp_path) -> None:

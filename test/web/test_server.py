@@ -149,6 +149,31 @@ def test_pictures_come_as_fast_as_they_are_taken_and_looking_ends(page: Page) ->
     assert not page.server.watched("front")
 
 
+def test_who_goes_before_a_picture_comes_is_noticed(page: Page) -> None:
+    """Or the page of a camera that sends nothing could be opened sixteen times, and by nobody from then on."""
+    for _ in range(16):
+        with socket.create_connection(("127.0.0.1", page.port), timeout=10) as link:
+            link.sendall(f"GET /stream/front HTTP/1.1\r\nHost: localhost:{page.port}\r\n\r\n".encode())
+            assert link.recv(1 << 12).startswith(b"HTTP/1.1 200")
+    give_up = time.monotonic() + 10
+    while page.server.watched("front") and time.monotonic() < give_up:
+        time.sleep(0.02)
+    assert not page.server.watched("front") and page.status("GET", "/stream/rear") == 404
+    looking = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
+    looking.request("GET", "/events", headers={"Host": f"localhost:{page.port}"})
+    assert looking.getresponse().status == 200
+    looking.close()
+
+
+def test_a_file_that_is_renamed_while_the_list_is_made_is_not_in_it(page: Page, live: LiveCalibrator) -> None:
+    content = page.server.content
+    there = live.folder / "there.npz"
+    there.write_bytes(b"views")
+    content._offered = lambda: {"there.npz": there, "gone.npz": live.folder / "gone.npz"}  # type: ignore[method-assign]
+    assert [file["name"] for file in json.loads(page.ask("GET", "/files")[1])] == ["there.npz"]
+    there.unlink()
+
+
 def test_beyond_this_machine_a_token_is_asked_for(live: LiveCalibrator) -> None:
     page = Page(live, WebSettings("0.0.0.0", 0))
     try:

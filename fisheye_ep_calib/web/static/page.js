@@ -16,38 +16,75 @@ const KEPT_STAYS = 1500; // milliseconds for which the sign of a kept view is no
 const ADVICE = { "blurred": "hold it still", "not new": "move on", "too few points": "nearer, or less tilted" };
 const RIG = " rig"; // no camera's name
 const MOST_PICTURES = 4; // at once: a browser opens six connections, and needs two for the rest
+const SILENCE = 10000; // milliseconds without a word: the node, which speaks every two seconds, does not hear this page
+const AGAIN = 2000; // milliseconds after which a picture that failed is asked for again
 
+let events = null;
+let heardAt = Date.now(); // of the clock: it goes on while a laptop sleeps
 let latest = null;
-let chosen = decodeURIComponent(location.hash.slice(1));
+let chosen = "";
 let streaming = "";
+let streams = 0;
 let shown = ""; // version of what the charts show
-let keptAt = 0;
+let refreshing = false;
+let filesAsked = 0;
+let keptAt = -Infinity;
 let lastLook = -1;
 
 function listen() {
-  const events = new EventSource("events");
+  events?.close();
+  heardAt = Date.now();
+  events = new EventSource("events");
+  events.onopen = () => { forgetCamera(); streaming = ""; at("rig-pictures").dataset.names = ""; }; // maybe of another node
   events.onmessage = (event) => {
+    heardAt = Date.now();
     latest = JSON.parse(event.data);
     at("link").textContent = latest.node;
     at("link").className = "";
     show();
   };
-  events.onerror = () => {
-    at("link").textContent = "the node does not answer";
-    at("link").className = "lost";
-  };
+  events.onerror = tellLost;
+}
+
+function tellLost() {
+  at("link").textContent = "the node does not answer";
+  at("link").className = "lost";
+}
+
+// A connection may end without a word: the laptop slept, the cable was pulled, the node hangs.
+function listenAgain() {
+  if (Date.now() - heardAt < SILENCE) return;
+  tellLost();
+  listen();
 }
 
 function show() {
+  if (!latest) return;
   const names = Object.keys(latest.cameras);
-  if (chosen !== RIG && !names.includes(chosen)) chosen = names[0] ?? RIG;
-  if (chosen === RIG && !latest.rig) chosen = names[0];
+  choose(latest.rig ? [...names, RIG] : names);
   showTabs(names);
   at("camera").hidden = chosen === RIG;
   at("rig").hidden = chosen !== RIG;
   showRigPictures(chosen === RIG ? names.slice(0, MOST_PICTURES) : []);
   if (chosen === RIG) showRig(latest.rig);
   else if (chosen) showCamera(chosen, latest.cameras[chosen]);
+}
+
+// The tab that the address names, or the first while the node, which may just have been started, does not have that.
+function choose(tabs) {
+  const tab = tabs.find((name) => location.hash === `#${encodeURIComponent(name)}`) ?? tabs[0];
+  if (tab !== chosen) forgetCamera();
+  chosen = tab;
+}
+
+// Nothing of one camera stays for another.
+function forgetCamera() {
+  shown = "";
+  lastLook = -1;
+  keptAt = -Infinity;
+  at("sign").textContent = "";
+  at("pupil-figure").hidden = true;
+  for (const canvas of document.querySelectorAll("canvas")) canvas.getContext("2d").clearRect(0, 0, canvas.width, canvas.height);
 }
 
 function showTabs(names) {
@@ -60,7 +97,7 @@ function showTabs(names) {
       tab.setAttribute("role", "tab");
       tab.dataset.name = name;
       tab.append(document.createElement("i"), name === RIG ? "rig" : name);
-      tab.onclick = () => { chosen = name; location.hash = name === RIG ? "" : encodeURIComponent(name); shown = ""; lastLook = -1; show(); };
+      tab.onclick = () => { location.hash = encodeURIComponent(name); show(); };
       return tab;
     }));
   }
@@ -75,8 +112,7 @@ function showCamera(name, status) {
   document.title = `${name}: calibrating`;
   if (streaming !== name) {
     streaming = name;
-    document.querySelector(".picture").classList.add("empty");
-    at("stream").src = `stream/${encodeURIComponent(name)}`;
+    stream(name);
   }
   const silent = status.level === "STALE";
   at("say").textContent = sentence(silent ? `no image on ${status.topic}` : status.say ?? "waiting for the first image");
@@ -86,10 +122,31 @@ function showCamera(name, status) {
   at("move").textContent = !silent && status.move ? sentence(status.move) : "";
   showNumbers(status);
   showConcerns(status);
-  if (shown !== `${name} ${status.version}`) {
+  if (!refreshing && shown !== `${name} ${status.version}`) {
     shown = `${name} ${status.version}`;
-    refresh(name, status);
+    refresh(name);
   }
+}
+
+// In an image of its own: what the one before it tells late is of another camera.
+function stream(name) {
+  const box = document.querySelector(".picture");
+  const picture = follow(name, at("stream").alt);
+  picture.id = "stream";
+  picture.addEventListener("load", () => { if (picture.isConnected) box.classList.remove("empty"); });
+  picture.addEventListener("error", () => { if (picture.isConnected) box.classList.add("empty"); });
+  box.classList.add("empty");
+  at("stream").removeAttribute("src"); // ends its stream
+  at("stream").replaceWith(picture);
+}
+
+// What a camera sees, asked for again where that fails, for as long as it is on the page.
+function follow(name, alt) {
+  const picture = Object.assign(new Image(), { alt });
+  const begin = () => { picture.src = `stream/${encodeURIComponent(name)}?${++streams}`; }; // a number: none is had from a cache
+  picture.addEventListener("error", () => setTimeout(() => { if (picture.isConnected && picture.src) begin(); }, AGAIN));
+  begin();
+  return picture;
 }
 
 function showSign(look, silent) {
@@ -159,20 +216,37 @@ function showConcerns(status) {
   at("concerns").replaceChildren(...texts.map((text) => item(sentence(text))));
 }
 
-async function refresh(name, status) {
+// One at a time, so that none overtakes another; what has changed meanwhile is fetched afterwards.
+async function refresh(name) {
+  refreshing = true;
   try {
-    const progress = await (await fetch(`progress/${encodeURIComponent(name)}`)).json();
-    if (name !== chosen) return;
-    drawField(progress);
-    drawDepth(progress);
-    at("pupil-figure").hidden = !progress.pupil;
-    if (progress.pupil) drawPupil(progress.pupil);
+    const progress = await get(`progress/${encodeURIComponent(name)}`);
+    if (name === chosen) showProgress(progress);
     await showFiles();
-  } catch { shown = ""; } // the node is gone; once it is back all is fetched again
+  } catch {
+    shown = ""; // the node is gone; once it speaks again all is fetched again
+    return;
+  } finally { refreshing = false; }
+  show();
+}
+
+async function get(path) {
+  const response = await fetch(path, { signal: AbortSignal.timeout(SILENCE) });
+  if (!response.ok) throw new Error(`${path}: ${response.status}`);
+  return response.json();
+}
+
+function showProgress(progress) {
+  drawField(progress);
+  drawDepth(progress);
+  at("pupil-figure").hidden = !progress.pupil;
+  if (progress.pupil) drawPupil(progress.pupil);
 }
 
 async function showFiles() {
-  const files = await (await fetch("files")).json();
+  const asked = ++filesAsked;
+  const files = await get("files");
+  if (asked !== filesAsked) return; // a later question is answered, or will be
   at("files-box").hidden = files.length === 0;
   at("files").replaceChildren(...files.map((file) => {
     const link = document.createElement("a");
@@ -287,30 +361,29 @@ function showRigPictures(names) {
   place.dataset.names = names.join();
   for (const picture of place.querySelectorAll("img")) picture.removeAttribute("src"); // ends its stream
   place.replaceChildren(...names.map((name) => {
-    const picture = Object.assign(new Image(), { alt: `what ${name} sees`, src: `stream/${encodeURIComponent(name)}` });
-    picture.onerror = () => setTimeout(() => { place.dataset.names = ""; }, 2000); // the node was started anew
     const figure = document.createElement("figure"), caption = document.createElement("figcaption");
     caption.textContent = name;
-    figure.append(caption, picture);
+    figure.append(caption, follow(name, `what ${name} sees`));
     return figure;
   }));
 }
 
 async function act(button) {
   const { action } = button.dataset;
-  const answer = chosen === RIG ? at("rig-answer") : at("answer");
-  const ofOne = ["reset", "commit", "report"].includes(action) && chosen !== RIG;
-  if (action === "reset" && !(await ask(`All ${latest.cameras[chosen].views} views and the calibration of ${chosen} are set aside: the files are renamed, not deleted.`))) return;
+  const name = chosen; // the one that it was pressed for, whatever is shown later
+  const answer = name === RIG ? at("rig-answer") : at("answer");
+  const ofOne = ["reset", "commit", "report"].includes(action) && name !== RIG;
+  if (action === "reset" && !(await ask(`All ${latest.cameras[name].views} views and the calibration of ${name} are set aside: the files are renamed, not deleted.`))) return;
   button.disabled = true;
   answer.className = "";
   answer.textContent = `${button.textContent.replace(" …", "")}: under way …`;
   try {
-    const query = ofOne ? `?camera=${encodeURIComponent(chosen)}` : "";
+    const query = ofOne ? `?camera=${encodeURIComponent(name)}` : "";
     const response = await fetch(`do/${action}${query}`, { method: "POST" });
-    const told = response.ok ? await response.json() : { success: false, text: await response.text() };
+    const told = response.ok ? await response.json() : { success: false, text: (await response.text()).trim() };
     answer.textContent = sentence(told.text);
     answer.className = told.success ? "" : "failed";
-    await showFiles();
+    showFiles().catch(() => { shown = ""; });
   } catch {
     answer.textContent = "The node does not answer.";
     answer.className = "failed";
@@ -319,6 +392,7 @@ async function act(button) {
 
 function ask(text) {
   const dialog = at("ask");
+  dialog.onclose?.(); // that of the one before may be told only after this one is open
   at("ask-text").textContent = text;
   dialog.returnValue = "no";
   dialog.showModal();
@@ -350,7 +424,6 @@ function row(...texts) {
   return entry;
 }
 
-at("stream").onload = () => document.querySelector(".picture").classList.remove("empty");
-at("stream").onerror = () => { streaming = ""; };
 for (const button of document.querySelectorAll("[data-action]")) button.onclick = () => act(button);
-window.addEventListener("load", listen);
+window.addEventListener("load", () => { listen(); setInterval(listenAgain, 1000); });
+window.addEventListener("hashchange", show);
