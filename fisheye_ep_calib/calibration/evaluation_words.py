@@ -52,9 +52,10 @@ def camera_variance(
         return 0.0
     camera = replace(camera, theta_max=np.pi)
     total = 0.0
-    for image, pose in zip(evaluation.images, evaluation.camera_from_target, strict=True):
-        rows = observations.point_index[used & (observations.image_index == image)]
-        points = observations.object_points[rows] @ pose[:3, :3].T + pose[:3, 3]
+    rows_of = observations.rows_of(evaluation.images)
+    for rows, pose in zip(rows_of, evaluation.camera_from_target, strict=True):
+        seen = observations.point_index[rows][used[rows]]
+        points = observations.object_points[seen] @ pose[:3, :3].T + pose[:3, 3]
         _, valid, d_point, d_parameters = camera.project_with_jacobian(points)
         by_pose = (d_point @ motion_jacobian(points - points.mean(axis=0)))[valid].reshape(-1, 6)
         by_camera = d_parameters[valid].reshape(-1, len(covariance))

@@ -129,6 +129,11 @@ class Observations:
         """Images with at least one sighting of non-zero weight."""
         return len(np.unique(self.image_index[self.weights > 0]))
 
+    def rows_of(self, images: npt.ArrayLike) -> list[slice]:
+        """The rows of each of these images (V,): rows are sorted by image."""
+        first = np.searchsorted(self.image_index, images, side="left").tolist()
+        return list(map(slice, first, np.searchsorted(self.image_index, images, side="right").tolist()))
+
     def select_images(self, images: np.ndarray) -> Observations:
         """Only the sightings in these images; image numbers and names stay."""
         keep = np.isin(self.image_index, images)

@@ -106,8 +106,7 @@ def advise(
 def _signatures(observations: Observations) -> list[ViewSignature]:
     """Of the views, but for those that nobody can tell."""
     views = []
-    for image in np.unique(observations.image_index):
-        seen = observations.image_index == image
+    for seen in observations.rows_of(np.unique(observations.image_index)):
         points = observations.object_points[observations.point_index[seen]]
         views.append(view_signature(points, observations.pixels[seen], observations.image_size))
     return [view for view in views if view is not None]

@@ -131,8 +131,8 @@ class ViewStore:
         return observations_of(self.views, self.target, self.image_size)
 
     def _views(self, observations: Observations) -> Iterator[View]:
-        for number, name in enumerate(observations.image_names):
-            rows = observations.image_index == number
+        rows_of = observations.rows_of(np.arange(len(observations.image_names)))
+        for name, rows in zip(observations.image_names, rows_of, strict=True):
             points, pixels = observations.point_index[rows], observations.pixels[rows]
             signature = view_signature(self.target.object_points[points], pixels, observations.image_size)
             if signature is not None:

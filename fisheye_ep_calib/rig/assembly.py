@@ -157,6 +157,7 @@ def _with_one_name_a_point(
     reference_from_camera = np.linalg.inv(chains.camera_from_reference)
     point_index = [camera.observations.point_index.copy() for camera in cameras]
     kept, poses, left_out = [], [], []
+    rows_of = [camera.observations.rows_of(np.arange(len(camera.observations.image_names))) for camera in cameras]
     for moment in moments:
         seeing = np.flatnonzero(moment >= 0).tolist()
         if len(seeing) < least:
@@ -172,7 +173,7 @@ def _with_one_name_a_point(
                 row[c] = -1
                 left_out.append((c, image))
                 continue
-            rows = cameras[c].observations.image_index == image
+            rows = rows_of[c][image]
             point_index[c][rows] = symmetries[which].relabelled(point_index[c][rows])
         if (row >= 0).sum() >= least:
             kept.append(row)

@@ -266,9 +266,10 @@ def _without_wrong_views(
     limit = _WRONG_VIEW * _spread(problem, state)
     moments, wrong = assembly.moments.copy(), []
     for camera, lengths in enumerate(_lengths(problem, state)):
-        image_index = assembly.observations[camera].image_index
-        for row in np.flatnonzero(moments[:, camera] >= 0):
-            of_view = lengths[image_index == moments[row, camera]]
+        seen = np.flatnonzero(moments[:, camera] >= 0)
+        rows_of = assembly.observations[camera].rows_of(moments[seen, camera])
+        for row, rows in zip(seen.tolist(), rows_of, strict=True):
+            of_view = lengths[rows]
             of_view = of_view[np.isfinite(of_view)]
             if len(of_view) == 0 or np.median(of_view) > limit:
                 wrong.append((camera, int(moments[row, camera])))

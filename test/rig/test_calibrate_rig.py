@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from counted_comparisons import Counted, counted
 from scipy.spatial.transform import Rotation
 from simulated_rig import PERIOD_NS, cameras, errors, place, see, targets_between
 
@@ -288,3 +289,13 @@ def test_a_flat_target_stays_as_its_file_has_it() -> None:
     poses = targets_between(PLACES[0], PLACES[1], SQUARE, 12, seed=4)
     rig = calibrate_rig(see(cameras(2), PLACES[:2], SQUARE, poses))
     assert rig.board.source == "file" and rig.board.board is None
+
+
+def test_work_goes_with_the_sightings_not_with_images_times_sightings() -> None:
+    poses = targets_between(PLACES[0], PLACES[1], DISCS, 60, seed=1)
+    seen = see(cameras(2, theta_max_deg=60), PLACES[:2], DISCS, poses)
+    seen = [replace(rig_camera, observations=counted(rig_camera.observations)) for rig_camera in seen]
+    rig = calibrate_rig(seen)
+    assert rig.moments == 60
+    sightings = sum(len(rig_camera.observations.pixels) for rig_camera in seen)
+    assert Counted.compared < 20 * sightings  # a comparison with every image is 60 a sighting and pass

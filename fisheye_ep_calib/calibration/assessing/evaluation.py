@@ -184,7 +184,7 @@ def _by_view(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sigh
     error, _, valid = residuals(problem, state, len(observations.pixels))
     length = np.where(valid, np.hypot(error[:, 0], error[:, 1]), np.inf)
     used = observations.weights > 0
-    return [length[(observations.image_index == image) & used] for image in sightings.images]
+    return [length[rows][used[rows]] for rows in observations.rows_of(sightings.images)]
 
 
 def _median_error(problem: AdjustmentProblem, state: AdjustmentState, sightings: Sightings) -> np.ndarray:

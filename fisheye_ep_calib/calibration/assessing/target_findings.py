@@ -98,8 +98,9 @@ def largest_lattice(points: np.ndarray, image_index: np.ndarray, point_index: np
         columns //= 2
     if columns * rows != len(points) or min(columns, rows) < 4:
         return None
-    views = np.unique(image_index)
-    points_of_view = [np.unique(point_index[image_index == view]) for view in views]
+    order = np.argsort(image_index, kind="stable")
+    views, starts = np.unique(image_index[order], return_index=True)
+    points_of_view = [np.unique(part) for part in np.split(point_index[order], starts[1:])]
     spans = np.sort([np.ptp(grid[part], axis=0) + 1 for part in points_of_view], axis=1)
     few, many = (int(count) for count in spans.max(axis=0)) if len(views) else (0, 0)
     whole = sum(len(part) == few * many for part in points_of_view)

@@ -183,8 +183,10 @@ def _views(fit: Fit, lattice: Lattice) -> list[_View]:
     clip = _CLIPPED * robust_spread(lengths[used])
     weights = np.where(used, observations.weights * np.minimum(1.0, clip / np.maximum(lengths, 1e-12)), 0.0)
     views = []
-    for pose, image in zip(fit.state.camera_from_target, fit.sightings.images, strict=True):
-        rows = np.flatnonzero(observations.image_index == image)
+    row = np.arange(len(observations.image_index))
+    rows_of = observations.rows_of(fit.sightings.images)
+    for pose, of_view in zip(fit.state.camera_from_target, rows_of, strict=True):
+        rows = row[of_view]
         names, weight = observations.point_index[rows], weights[rows]
         points = observations.object_points[names] + given[names]
         d_camera_point = fit.state.camera.project_with_jacobian(points @ pose[:3, :3].T + pose[:3, 3])[2]

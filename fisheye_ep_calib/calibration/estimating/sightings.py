@@ -106,7 +106,8 @@ def of_images(sightings: Sightings, images: np.ndarray) -> Sightings:
 
 def why_no_pose(observations: Observations, image: int) -> str:
     """Why ``sightings_of`` left out an image that was observed."""
-    count = int(((observations.image_index == image) & (observations.weights > 0)).sum())
+    (rows,) = observations.rows_of([image])
+    count = int((observations.weights[rows] > 0).sum())
     return f"fewer than {MIN_POINTS} points" if count < MIN_POINTS else "its points lie on one line"
 
 

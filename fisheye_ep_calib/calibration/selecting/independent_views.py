@@ -13,7 +13,7 @@ The pixels of such images are averaged. Their weights stay: what is common to th
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,11 +95,13 @@ def places(sightings: Sightings) -> np.ndarray:
         np.stack([np.bincount(view, part[:, axis]) for axis in range(2)], axis=-1) / count for part in moments
     )
     spread = np.sqrt(np.maximum(square - middle**2, 0.0))
-    near = _neighbours(np.concatenate([middle, spread], axis=1), _SAME_PLACE * max(observations.image_size))
-    number = np.full(len(near), -1)
-    for first, candidates in enumerate(near):
-        if number[first] < 0:
-            number[[view for view in candidates if number[view] < 0]] = number.max() + 1
+    near = _neighbours_of(np.concatenate([middle, spread], axis=1), _SAME_PLACE * max(observations.image_size))
+    number, count_of_places = np.full(len(count), -1), 0
+    for first in range(len(number)):
+        if number[first] < 0:  # few neighbours are asked for: where the board rests, all views are those of each other
+            candidates = np.asarray(near(first))
+            number[candidates[number[candidates] < 0]] = count_of_places
+            count_of_places += 1
     return number
 
 
@@ -168,7 +170,12 @@ class _PointsOfViews:
 
     def _pitch(self, rows: np.ndarray) -> float:
         """Median distance, px, of a view's points to their nearest neighbours."""
-        square = _squares(self._pixels[rows], self._pixels[rows])
+        pixels = self._pixels[rows]
+        if len(pixels) ** 2 > _FEW_PAIRS:
+            from scipy.spatial import cKDTree
+
+            return float(np.median(cKDTree(pixels).query(pixels, k=2)[0][:, 1]))
+        square = _squares(pixels, pixels)
         np.fill_diagonal(square, np.inf)
         return float(np.median(np.sqrt(square.min(axis=1))))
 
@@ -201,6 +208,16 @@ def _neighbours(values: np.ndarray, reach: float) -> list[list[int]]:
     from scipy.spatial import cKDTree
 
     return list(cKDTree(values).query_ball_point(values, reach, p=np.inf))
+
+
+def _neighbours_of(values: np.ndarray, reach: float) -> Callable[[int], Sequence[int]]:
+    """``_neighbours`` of one row, by its number."""
+    if len(values) <= _FEW:
+        return _neighbours(values, reach).__getitem__
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(values)
+    return lambda row: list(tree.query_ball_point(values[row], reach, p=np.inf))
 
 
 def _corner_directions(fit: Fit) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from fisheye_ep_calib.calibration import Observations, calibrate, rough_camera
 from fisheye_ep_calib.calibration.estimating.fit import first_fit
-from fisheye_ep_calib.calibration.estimating.sightings import prepare
+from fisheye_ep_calib.calibration.estimating.sightings import prepare, sightings_of
 from fisheye_ep_calib.calibration.selecting.cross_validation import fold_of_view
 from fisheye_ep_calib.calibration.selecting.independent_views import places, without_copies, without_resting_views
 from fisheye_ep_calib.camera.bands import pupil_sigma
@@ -164,3 +165,18 @@ def test_twins_of_a_view_share_its_fold():
 
 def test_folds_of_views_that_all_differ():
     assert sorted(np.bincount(fold_of_view(places(prepare(seen(paper_poses(TARGET))))))) == [5] * 5
+
+
+def test_thousands_of_views_of_a_board_at_rest_are_one_place_and_take_little_memory():
+    moved, count = seen(POSES[:2]), 3000
+    first, other = (moved.image_index == image for image in (0, 1))
+    image = np.concatenate([np.repeat(np.arange(count), first.sum()), np.full(other.sum(), count)])
+    point = np.concatenate([np.tile(moved.point_index[first], count), moved.point_index[other]])
+    pixels = np.concatenate([np.tile(moved.pixels[first], (count, 1)), moved.pixels[other]])
+    sightings = sightings_of(Observations.create(moved.object_points, image, point, pixels, moved.image_size))
+    tracemalloc.start()
+    number = places(sightings)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (number[:count] == 0).all() and number[count] == 1
+    assert most < 2e8  # bytes; a list of the neighbours of each view takes 360 MB more
