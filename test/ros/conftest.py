@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pytest
@@ -24,14 +26,29 @@ PUBLISHER = Path(__file__).with_name("image_publisher.py")
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
-    """A domain id that other tests, runs and robots are unlikely to use, set in the environment."""
-    number = 20 + (os.getpid() * 31 + time.monotonic_ns()) % 80
+def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A domain id that no other run of these tests uses at the time, nor is a robot likely to; in the environment."""
+    number, lock = _free_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(LARGE_IMAGES))
     monkeypatch.setenv("AMENT_PREFIX_PATH", os.environ.get("AMENT_PREFIX_PATH", sys.prefix))
-    return number
+    yield number
+    lock.close()
+
+
+def _free_domain() -> tuple[int, IO[str]]:
+    """A domain id, and a file that holds it until it is closed."""
+    first = os.getpid() * 31 + time.monotonic_ns()
+    for number in (20 + (first + step) % 80 for step in range(80)):
+        lock = (Path(tempfile.gettempdir()) / f"ros_domain_{number}_{os.getuid()}").open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            continue
+        return number, lock
+    raise RuntimeError("every domain id is in use")
 
 
 @pytest.fixture

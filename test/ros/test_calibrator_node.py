@@ -44,11 +44,12 @@ def test_images_in_camera_info_and_files_out(start_calibrator, start_publisher, 
     assert answer.success, answer.message
     assert "front: ep_odd, RMS" in answer.message and "views" in answer.message
 
-    wait_for(lambda: len(infos) > 10 and len(images) > 10, "CameraInfo beside images")
-    stamps = {(image.header.stamp.sec, image.header.stamp.nanosec) for image in images}
-    matched = [info for info in infos if (info.header.stamp.sec, info.header.stamp.nanosec) in stamps]
-    assert len(matched) >= 5
-    info = matched[-1]
+    def matched() -> list[CameraInfo]:
+        stamps = {(image.header.stamp.sec, image.header.stamp.nanosec) for image in list(images)}
+        found = [info for info in infos if (info.header.stamp.sec, info.header.stamp.nanosec) in stamps]
+        return found if len(found) >= 5 else []
+
+    info = wait_for(matched, "CameraInfo beside images")[-1]
     assert info.header.frame_id == "camera_0"
     assert (info.width, info.height, info.distortion_model, len(info.d)) == (1024, 1024, "equidistant", 4)
     assert 250 < info.k[0] < 350 and info.k[1] == 0
@@ -150,6 +151,6 @@ def test_a_calibration_is_checked_live(start_calibrator, start_publisher, probe,
     assert cameras["moved"]["next"] == "calibrate the camera anew"
     assert len(cameras["front"]["check"]["by_angle"]) >= 3 and cameras["front"]["views"] == 0
     wait_for(lambda: diagnostics and diagnostics[-1].status[1].level == b"\x02", "the error in diagnostics")
-    assert node.said("moved: the calibration no longer holds")
+    node.wait_to_say("moved: the calibration no longer holds")
     assert "only checked" in probe.call(Trigger, "/calibrator/calibrate").message
     assert node.interrupt()[0] == 0 and not (tmp_path / "results").exists()

@@ -130,7 +130,7 @@ def test_images_of_half_the_size_have_camera_info_for_theirs(start_calibrator, p
     assert np.allclose(infos[0].k, [10, 0, 15.5, 0, 10, 11.5, 0, 0, 1]) and infos[0].d[0] == 0.01
     assert np.allclose(infos[0].p[:3], [10, 0, 15.5])
     told = "32×24 pixels, its camera 64×48: CameraInfo has K and P for their size"
-    assert calibrator.said(told)
+    calibrator.wait_to_say(told)
 
     def of_width(width: int) -> Any:
         images.publish(small_image(size=(width, width * 3 // 4)))
@@ -175,7 +175,7 @@ def test_a_driver_with_camera_info_of_its_own_is_not_contradicted_but_committed_
         return infos
 
     wait_for(published, "CameraInfo on the node's own topic")
-    assert calibrator.said("has a publisher already")
+    calibrator.wait_to_say("has a publisher already")
     answer = probe.call(Trigger, "/robot/calibrator/commit")
     assert answer.success and "stored" in answer.message
     assert given[0].k[0] == 20.0 and given[0].distortion_model == "equidistant"
@@ -212,7 +212,8 @@ def test_a_driver_that_starts_later(start_calibrator, probe, camera_file) -> Non
     driver = probe.node.create_publisher(CameraInfo, "/front/camera_info", 10)
     own = probe.collect(CameraInfo, "/calibrator/front/camera_info", LATCHED)
     wait_for(lambda: published(own), "CameraInfo on the node's own topic")
-    assert probe.node.count_publishers("/front/camera_info") == 1 and driver
+    wait_for(lambda: probe.node.count_publishers("/front/camera_info") == 1, "the driver's CameraInfo alone")
+    assert driver
     assert calibrator.interrupt()[0] == 0 and calibrator.output.count("has a publisher already") == 1
 
 
@@ -337,6 +338,6 @@ def test_whatever_is_asked_of_parameters_is_refused_with_its_reason(start_calibr
             result = answer.results[0] if kind is SetParameters else answer.result
             assert not result.successful and result.reason.isprintable() and len(result.reason) <= 310, name
             assert name.replace("\x1b", "\\x1b") in result.reason and result.reason, name
-    assert "parameters stay as they are: " in calibrator.output
+    calibrator.wait_to_say("parameters stay as they are: ")
     assert "Traceback" not in calibrator.output and max(map(len, calibrator.output.splitlines())) < 500
     assert calibrator.interrupt()[0] == 0

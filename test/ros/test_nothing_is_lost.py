@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import random
 import shutil
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from live_processes import Program, kept, wait_for
+from live_processes import LATCHED, Program, kept, wait_for
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from fisheye_ep_calib.calibration import Observations, calibrate
@@ -26,13 +29,25 @@ TARGET = REPOSITORY / "config" / "targets" / "circle_grid_11x7.yaml"
 EVERY_VIEW = {"novelty__position": 0.0, "novelty__size": 0.0, "novelty__tilt": 0.0}
 
 
-def wait_until_quiet(program: Program, seconds: float = 3.0) -> None:
-    """Until it has said nothing for a while: frames under way have been looked at."""
-    lines, since = -1, time.monotonic()
-    while time.monotonic() - since < seconds:
-        if len(program.lines) != lines:
-            lines, since = len(program.lines), time.monotonic()
-        time.sleep(0.1)
+def views_when_idle(statuses: list[String]) -> dict[str, int]:
+    """Each camera's views once nothing comes any more and all that came has been looked at.
+
+    statuses: that the node publishes; two that are made from now on have to say so.
+    """
+    seen = len(statuses)
+
+    def idle() -> dict[str, dict[str, Any]]:
+        if len(statuses) < seen + 2:
+            return {}
+        before, now = (json.loads(status.data)["cameras"] for status in statuses[-2:])
+        looked_at = ("searched", "dropped", "unreadable")
+        ended = all(
+            camera["received"] == before[name]["received"] == sum(camera[key] for key in looked_at)
+            for name, camera in now.items()
+        )
+        return now if ended else {}
+
+    return {name: camera["views"] for name, camera in wait_for(idle, "an idle node").items()}
 
 
 @pytest.fixture
@@ -66,6 +81,7 @@ def kill_and_resume(times: int, start_calibrator, start_publisher, probe, render
         "front__transport": "compressed",
         **EVERY_VIEW,
     }
+    statuses = probe.collect(String, "/calibrator/status", LATCHED)
     publisher = start_publisher(rendered, 10, "--compressed", "/front/image_raw/compressed")
     reported = 0
     for turn in range(times):
@@ -85,7 +101,7 @@ def kill_and_resume(times: int, start_calibrator, start_publisher, probe, render
     assert reported >= times / 2
     wait_for(lambda: kept(calibrator.output) >= reported + 3, "three views more")
     publisher.end()
-    wait_until_quiet(calibrator)
+    views_when_idle(statuses)
     answer = probe.call(Trigger, "/calibrator/calibrate")
     assert answer.success, answer.message
     assert calibrator.interrupt()[0] == 0
@@ -119,11 +135,11 @@ def test_a_folder_that_is_removed_and_a_save_that_is_refused(
     calibrator = start_calibrator(
         cameras="[front]", target=TARGET, output_directory=folder, auto_calibrate="false", **EVERY_VIEW
     )
+    statuses = probe.collect(String, "/calibrator/status", LATCHED)
     publisher = start_publisher(rendered, 5, "/front/image_raw")
     calibrator.wait_to_say("view 3 kept")
     publisher.end()
-    wait_until_quiet(calibrator)
-    views = kept(calibrator.output)
+    views = views_when_idle(statuses)["front"]
     shutil.rmtree(folder)
     folder.write_text("in the way")
     assert "not written" in probe.call(Trigger, "/calibrator/save").message
@@ -160,18 +176,21 @@ def test_ten_calls_at_once_are_one_calibration_and_one_camera_is_reset(
         model="ep_odd",
         **EVERY_VIEW,
     )
+    statuses = probe.collect(String, "/calibrator/status", LATCHED)
     publisher = start_publisher(rendered, 5, "/front/image_raw", "/rear/image_raw")
     wait_for(lambda: all(calibrator.said(f"{name}: view 6 kept") for name in ("front", "rear")), "six views each")
     publisher.end()
-    wait_until_quiet(calibrator)
+    views = views_when_idle(statuses)["front"]
     client = probe.node.create_client(Trigger, "/calibrator/calibrate")
     wait_for(client.service_is_ready, "the service")
     calls = [client.call_async(Trigger.Request()) for _ in range(10)]
     wait_for(lambda: all(call.done() for call in calls), "ten answers")
     assert len({call.result().message for call in calls}) == 1 and calls[0].result().success
-    assert calibrator.output.count("front: ep_odd, RMS") == 1 and calibrator.output.count("rear: ep_odd, RMS") == 1
+    for name in ("front", "rear"):
+        calibrator.wait_to_say(f"{name}: ep_odd, RMS")
+        assert calibrator.output.count(f"{name}: ep_odd, RMS") == 1
 
-    views = Observations.load(tmp_path / "front.npz").view_count
+    assert Observations.load(tmp_path / "front.npz").view_count == views
     images = sorted((tmp_path / "images" / "front").glob("*.png"))
     assert len(images) == views and calibrator.output.count("front: view") == views
     found = load_target(TARGET).detector().detect(cv2.imread(str(images[0]), cv2.IMREAD_UNCHANGED))

@@ -178,8 +178,8 @@ def test_compressed_images_another_projection_and_a_frame_of_its_own(start_recti
     assert (content(image) == Rectifier(camera, view).rectify(picture())).all()
     info = wait_for(lambda: infos and infos[-1], "CameraInfo")
     assert not any(info.k) and not any(info.p)  # nobody may take it for a pinhole's
-    assert "--frame-id front_optical --child-frame-id front_optical_rectified" in rectifier.output
-    assert "--qy 0.707106781" in rectifier.output
+    rectifier.wait_to_say("--frame-id front_optical --child-frame-id front_optical_rectified")
+    rectifier.wait_to_say("--qy 0.707106781")
     assert rectifier.interrupt()[0] == 0
 
 
