@@ -8,7 +8,7 @@ projection's derivatives by the composed pose's steps, ω and δ of R Q ← exp(
     B: ∂ω = R, ∂δ = R            since R exp(ω) Q = exp(R ω) R Q
     X: ∂ω = (I, −[R s]×), ∂δ = I   since exp(ω) turns R s as well
 
-The moments' poses are eliminated as the views' are in a single camera's adjustment (normal_equations.py).
+The moments' poses are eliminated as the views' are in a single camera's adjustment (equations.py).
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.rig.equations import RigProducts, solve_rig
 from fisheye_ep_calib.rotation import moved_poses, placed, turn_jacobian
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.model import ShapeModel, ShapeState
@@ -95,16 +96,17 @@ def adjust_rig(problem: RigProblem, state: RigState, max_iterations: int = 100) 
         lambda current, step: _stepped(problem, current, step),
         state,
         max_iterations,
+        solve=solve_rig,
     )
 
 
 def evaluate_rig(problem: RigProblem, state: RigState) -> NormalEquations:
     """The normal equations at a state; ``by_view`` counts moments."""
-    size = 6 + problem.shared_size + 1
-    hessian = np.zeros((problem.moment_count, size, size))
+    columns = [_columns(problem, camera) for camera in range(len(problem.views))]
+    moments_seen = [views.moments for views in problem.views]
+    sums = RigProducts(moments_seen, columns, problem.moment_count, 6 + problem.shared_size + 1)
     cost, valid = 0.0, True
     for camera in range(len(problem.views)):
-        columns = _columns(problem, camera)
         for block, moments, predicted in _predictions(problem, state, camera, jacobian=True):
             used = block.weights > 0
             valid = valid and bool(predicted.valid[used].all())
@@ -116,9 +118,8 @@ def evaluate_rig(problem: RigProblem, state: RigState) -> NormalEquations:
             cost += 0.5 * float(loss[used].sum())
             by_view = np.swapaxes(system * (weights * factor), 1, 2)
             products = by_view[0] @ np.swapaxes(by_view[0], 1, 2) + by_view[1] @ np.swapaxes(by_view[1], 1, 2)
-            # A camera sees a moment once, so no entry is added to twice here.
-            hessian[moments[:, None, None], columns[:, None], columns] += products
-    return NormalEquations(hessian, cost, valid and bool(np.isfinite(cost)))
+            sums.add(camera, moments, products)
+    return sums.equations(cost, valid and bool(np.isfinite(cost)))
 
 
 def rig_residuals(problem: RigProblem, state: RigState) -> list[np.ndarray]:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from fisheye_ep_calib.arrays import FloatArray
-from fisheye_ep_calib.calibration.estimating.normal_equations import reduced_information
 from fisheye_ep_calib.calibration.estimating.shape_equations import solve_scaled
 from fisheye_ep_calib.rig.adjustment import RigProblem, RigState, evaluate_rig
+from fisheye_ep_calib.rig.equations import rig_information
 from fisheye_ep_calib.rotation import motion_jacobian
 
 
@@ -31,7 +31,7 @@ def pose_covariance(
         problem,
         views=tuple(replace(view, free=view.free | fixed) for view, fixed in zip(problem.views, held, strict=True)),
     )
-    information = reduced_information(evaluate_rig(opened, state))
+    information = rig_information(evaluate_rig(opened, state))
     fixed_columns, covariances = [], []
     for camera, (view, fixed) in enumerate(zip(opened.views, held, strict=True)):
         among_free = fixed[view.free]

@@ -41,19 +41,20 @@ def minimise(
     last_step: bool = True,
     first_damping: float = CAUTIOUS,
     unchecked: float = CONVERGED,
+    solve: Callable[[NormalEquations, float], Step] = solve_damped,
 ) -> Minimum[State]:
     """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping; Madsen et al. 2004, algorithm 3.16).
 
     stepped: the state after a step, or None where there is none. Converged when the step's predicted decrease falls
     below tolerance × cost. last_step: whether that step is taken as well; where only the cost matters it need not be.
     One that promises less than unchecked × cost is taken without another evaluation: where residuals are nearly linear
-    it would only confirm the promise, and below CONVERGED could not tell it from rounding.
+    it would only confirm the promise, and below CONVERGED could not tell it from rounding. solve: the damped step.
     """
     equations = evaluate(state)
     damping, growth = first_damping, 4.0
     for iteration in range(max_iterations):
         try:
-            step = solve_damped(equations, damping)
+            step = solve(equations, damping)
         except np.linalg.LinAlgError:
             if damping > _MOST_DAMPING:
                 return Minimum(state, equations, iteration + 1, False)

@@ -177,10 +177,12 @@ def solve_damped(equations: NormalEquations, damping: float) -> Step:
     )
     shared_step = -solve_scaled(reduced, gradient)
     pose_step = -(solved[..., size] + solved[..., :size] @ shared_step)
-    return _step(equations, pose_step, shared_step, equations.shared_gradient, np.diag(equations.shared), damping)
+    return checked_step(
+        equations, pose_step, shared_step, equations.shared_gradient, np.diag(equations.shared), damping
+    )
 
 
-def _step(
+def checked_step(
     equations: NormalEquations,
     pose: np.ndarray,
     shared: np.ndarray,
@@ -210,7 +212,7 @@ def _solve_damped_with_shape(
         "rough": shape.gradient[smooth:, None],
     }
     solution = system.solve(gradient)
-    return _step(
+    return checked_step(
         equations,
         -solution["pose"].reshape(-1, equations.view_size),
         -np.concatenate([solution[name][:, 0] for name in ("camera", "smooth", "rough")]),
