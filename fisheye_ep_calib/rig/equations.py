@@ -136,9 +136,10 @@ def _eliminated(equations: EquationsByCamera, inverse: np.ndarray) -> tuple[np.n
         lost_gradient[first.columns] += np.einsum("vqk,vq->k", solved, equations.pose_gradient[first.moments])
         for other in equations.cameras[number:]:
             rows = other.row[first.moments]
-            both = rows >= 0
-            left, right = solved[both], other.mixed[rows[both]]
-            product = left.reshape(-1, left.shape[-1]).T @ right.reshape(-1, right.shape[-1])
+            both = np.flatnonzero(rows >= 0)
+            left = solved[both].reshape(_POSE * len(both), len(first.columns))
+            right = other.mixed[rows[both]].reshape(_POSE * len(both), len(other.columns))
+            product = left.T @ right
             lost[first.columns[:, None], other.columns] += product
             if other is not first:
                 lost[other.columns[:, None], first.columns] += product.T

@@ -11,8 +11,11 @@ from fisheye_ep_calib.rig import equations
 from fisheye_ep_calib.rig.equations import EquationsByCamera, RigProducts, rig_information, solve_rig
 
 
-def summed(cameras: int, moments: int, own: int = 6):
-    """Random equations of a chain of cameras, each moment seen by two of them; own columns a camera, and one of all."""
+def summed(cameras: int, moments: int, own: int = 6, held: bool = False):
+    """Random equations of a chain of cameras, each moment seen by two of them; own columns a camera, and one of all.
+
+    held: nothing is shared that the first camera's views depend on, as of the reference with known parameters.
+    """
     rng = np.random.default_rng(0)
     size = 6 + own * cameras + 1 + 1
     first = np.arange(moments) % (cameras - 1)
@@ -21,6 +24,9 @@ def summed(cameras: int, moments: int, own: int = 6):
         np.concatenate([np.arange(6), 6 + own * camera + np.arange(own), [size - 2, size - 1]])
         for camera in range(cameras)
     ]
+    if held:
+        columns[0], size = np.append(np.arange(6), size - 1 - own), size - own
+        columns[1:] = [np.where(of_camera < 6, of_camera, of_camera - own) for of_camera in columns[1:]]
     sums = RigProducts(seen, columns, moments, size)
     for camera, of_camera in enumerate(seen):
         for part in np.array_split(rng.permutation(of_camera), 3):
@@ -29,11 +35,11 @@ def summed(cameras: int, moments: int, own: int = 6):
     return sums.equations(1.0, True)
 
 
-@pytest.mark.parametrize("damping", [0.0, 1e-3])
-def test_both_ways_to_keep_them_give_the_same_step_and_information(monkeypatch, damping) -> None:
-    whole = summed(5, 40)
+@pytest.mark.parametrize(("damping", "held"), [(0.0, False), (1e-3, False), (1e-3, True)])
+def test_both_ways_to_keep_them_give_the_same_step_and_information(monkeypatch, damping, held) -> None:
+    whole = summed(5, 40, held=held)
     monkeypatch.setattr(equations, "MOST_DENSE", 0)
-    by_camera = summed(5, 40)
+    by_camera = summed(5, 40, held=held)
     assert isinstance(by_camera, EquationsByCamera) and not isinstance(whole, EquationsByCamera)
     np.testing.assert_allclose(rig_information(by_camera), rig_information(whole), rtol=1e-9, atol=1e-9)
     step, expected = solve_rig(by_camera, damping), solve_rig(whole, damping)
