@@ -1,10 +1,18 @@
 """The one error hierarchy: the command line and the nodes turn each into one clear line."""
 
+from fisheye_ep_calib.plain_text import one_line
+
 
 class CalibrationError(Exception):
-    """A calibration that could not be made; the message says why and what to do next. Exit code 1."""
+    """A calibration that could not be made; the message says why and what to do next. Exit code 1.
+
+    The message is one line of bounded length, whatever name or value from outside it repeats.
+    """
 
     exit_code = 1
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(one_line(message))
 
 
 class Interrupted(CalibrationError):

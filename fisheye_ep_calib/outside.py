@@ -27,7 +27,7 @@ _SLOW_KINDS = {
 
 def checked_path(path: object, name: str) -> Path:
     """The path that a parameter of this name was given; an empty text is none. Raises InputError."""
-    if isinstance(path, str | PathLike) and isinstance(text := os.fspath(path), str) and text:
+    if isinstance(path, str | PathLike) and isinstance(text := os.fspath(path), str) and text and "\0" not in text:
         return Path(text)
     raise InputError(f"`{name}` must be the path of a file, not {shown(path)}")
 
@@ -36,6 +36,27 @@ def checked_paths(paths: object, name: str) -> list[Path]:
     """One path or several, as ``checked_path``. Raises InputError."""
     several = paths if isinstance(paths, Iterable) and not isinstance(paths, str | bytes | PathLike) else [paths]
     return [checked_path(path, name) for path in several]
+
+
+def expanded(path: str | PathLike[str]) -> Path:
+    """The path with the home folder in the place of ~; as it is where nobody is called so."""
+    return Path(os.path.expanduser(path))
+
+
+def real_path(path: str | PathLike[str]) -> Path:
+    """The path without links, as far as it leads; a link to itself is left where it is."""
+    return Path(os.path.realpath(path))
+
+
+def other_than_a_file(path: str | PathLike[str]) -> str:
+    """What lies there, or where a link leads: "a folder", "a device"; empty for a file and for nothing."""
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return ""
+    if stat.S_ISREG(mode):
+        return ""
+    return "a folder" if stat.S_ISDIR(mode) else _special(mode)
 
 
 def open_outside(path: str | PathLike[str], kind: str = "") -> BinaryIO:
@@ -96,8 +117,11 @@ def _refuse_special(path: str | PathLike[str], mode: int, kind: str) -> None:
     if stat.S_ISDIR(mode):
         raise InputError(f"{_cannot(path, kind)}: {os.strerror(errno.EISDIR)}")
     if not stat.S_ISREG(mode):
-        what = _SLOW_KINDS.get(stat.S_IFMT(mode), "no regular file")
-        raise InputError(f"{_cannot(path, kind)}: it is {what}, not a file")
+        raise InputError(f"{_cannot(path, kind)}: it is {_special(mode)}, not a file")
+
+
+def _special(mode: int) -> str:
+    return _SLOW_KINDS.get(stat.S_IFMT(mode), "no regular file")
 
 
 def _cannot(path: str | PathLike[str], kind: str) -> str:

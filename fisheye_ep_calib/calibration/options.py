@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from fisheye_ep_calib.calibration.structure import LENS, Structure
 from fisheye_ep_calib.camera import LENS_EXTRAS
 from fisheye_ep_calib.camera.extras.lens_field import LENS_FIELD
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import expanded
 from fisheye_ep_calib.target.registry import load_shape
 from fisheye_ep_calib.target.shape.measured import BoardShape
 from fisheye_ep_calib.target.shape.model import BOW, FLAT, FREE
@@ -104,7 +105,7 @@ def wanted_shape(settings: Options, model: str) -> str:
 
 
 def _shape_of_file(path: str | PathLike[str]) -> BoardShape:
-    if not Path(path).expanduser().exists():
+    if not os.path.exists(expanded(path)):
         raise InputError(
             f"unknown board_shape {str(path)!r}; known: {', '.join(BOARD_SHAPES)}, or a file with a measured shape"
         )

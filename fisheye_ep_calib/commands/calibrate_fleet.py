@@ -14,11 +14,12 @@ import numpy as np
 from fisheye_ep_calib.calibration import Observations
 from fisheye_ep_calib.collection import FrameChoice
 from fisheye_ep_calib.commands.calibrate import add_fit_arguments, check_fit_arguments
-from fisheye_ep_calib.commands.fleet_devices import Device, find_devices
+from fisheye_ep_calib.commands.fleet_devices import Device, absence, find_devices
 from fisheye_ep_calib.commands.fleet_jobs import DeviceJob, Ended, run_jobs
 from fisheye_ep_calib.commands.fleet_table import Row, as_csv, as_text, device_rows, failed_row, is_finished, mark_odd
 from fisheye_ep_calib.commands.sources import add_looking_arguments, topics_given
 from fisheye_ep_calib.errors import InputError, Interrupted
+from fisheye_ep_calib.outside import real_path
 from fisheye_ep_calib.pipeline.writing import RECORD
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.folder_owner import FolderOwner
@@ -72,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     devices = find_devices(arguments.devices, output)
     if arguments.target is None and any(path.suffix != ".npz" for device in devices for path in device.sources):
         raise InputError("images need --target TARGET.yaml, which says what to look for")
+    if all(map(absence, devices)):
+        raise InputError(f"{arguments.devices}: none of what it lists is there; {absence(devices[0])}")
     owner = FolderOwner(output, "calibrate-fleet")
     owner.hold()
     try:
@@ -84,14 +87,16 @@ def _calibrate(devices: list[Device], arguments: argparse.Namespace) -> int:
     """With the output's folder held: all that is not finished, then the table. The exit code."""
     output = arguments.output
     finished = set() if arguments.overwrite else {each.name for each in devices if is_finished(output / each.name)}
-    jobs = [_job(device, arguments) for device in devices if device.name not in finished]
+    absent = {each.name: reason for each in devices if each.name not in finished and (reason := absence(each))}
+    jobs = [_job(each, arguments) for each in devices if each.name not in finished and each.name not in absent]
     _say_what_differs([device for device in devices if device.name in finished], arguments)
-    print(f"{len(devices)} devices, {len(finished)} of them finished before", file=sys.stderr)
+    missing = f", {len(absent)} not there" if absent else ""
+    print(f"{len(devices)} devices, {len(finished)} of them finished before{missing}", file=sys.stderr)
     if jobs:
         (output / "logs").mkdir(parents=True, exist_ok=True)
     progress = _Progress(len(jobs))
     interrupted = run_jobs(jobs, arguments.jobs, progress.ended)
-    rows = _rows(devices, progress.failed, output)
+    rows = _rows(devices, absent | progress.failed, output)
     if output.exists():
         atomic_write(output / TABLE, as_csv(rows).encode("utf-8", "backslashreplace"))
     if interrupted:
@@ -180,13 +185,14 @@ def _say_what_differs(finished: list[Device], arguments: argparse.Namespace) -> 
             made = read_json(folder / RECORD)
             changed = [key for key, value in made["options"].items() if key in given and given[key] != value]
             sources = {camera["inputs"]["source"] for camera in made["cameras"].values()}
+            elsewhere = _resolved(", ".join(map(str, device.sources))) not in map(_resolved, sources)
             samples = [load_observations(folder / "observations" / f"{name}.npz") for name in list(made["cameras"])[:1]]
         except (ValueError, KeyError, TypeError, AttributeError, InputError):
             continue
         other = [f"another --{key.replace('_', '-')}" for key in changed]
         if target is not None and any(not _shows(sample, target) for sample in samples):
             other.append("another --target")
-        if _resolved(", ".join(map(str, device.sources))) not in map(_resolved, sources):
+        if elsewhere:
             other.append("another recording")
         if other:
             before = f"{device.name} was calibrated before with {other[0]}"
@@ -202,4 +208,4 @@ def _shows(observations: Observations, target: Target) -> bool:
 
 def _resolved(sources: str) -> list[Path]:
     """Paths as ``inputs.source`` of calibration.json has them, seen from here."""
-    return [Path(source).resolve() for source in sources.split(", ")]
+    return [real_path(source) for source in sources.split(", ")]

@@ -42,8 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if any(Path(source).suffix == ".npz" for source in arguments.source):
-        raise InputError("detect needs images; an observation file holds what was found already")
+    for source in arguments.source:
+        if Path(source).suffix == ".npz":
+            raise InputError(f"{source}: detect needs images; an observation file holds what was found already")
     output, log = arguments.output, log_of(arguments.output, arguments.resume)
     with look_given(arguments, log) as look, looking(arguments.source, arguments.target, look) as place:
         refuse_existing(_results(output, list(place.topics), arguments.overlay), arguments.overwrite)

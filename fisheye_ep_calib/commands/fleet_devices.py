@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import re
 from collections import Counter
@@ -10,12 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.outside import read_text_outside
+from fisheye_ep_calib.outside import read_text_outside, real_path
 from fisheye_ep_calib.pipeline.names import numbered_alike, safe_name
 from fisheye_ep_calib.storage.sources.find import bag_suffix
 from fisheye_ep_calib.storage.sources.image_files import is_image_file, natural_order
 
 MAX_LIST_BYTES = 2**24
+_MOST_DEVICES = 10_000
 OWN_NAMES = ("logs", "fleet.csv")
 
 
@@ -30,7 +32,7 @@ class Device:
 def find_devices(place: Path, output: Path) -> list[Device]:
     """The devices that a folder holds or a text file lists; ``output`` is none of them. Raises InputError."""
     if place.is_dir():
-        paths = [path for path in _entries(place) if path.resolve() != output.resolve()]
+        paths = [path for path in _entries(place) if real_path(path) != real_path(output)]
         if (place / "metadata.yaml").exists() or (not paths and any(map(is_image_file, place.iterdir()))):
             raise InputError(f"{place} is one recording, which 'calibrate' takes; a fleet is a folder of such folders")
         if not paths:
@@ -61,7 +63,15 @@ def _listed(path: Path) -> list[Path]:
     paths = [path.parent / path_text for path_text in listed if path_text]
     if not paths:
         raise InputError(f"{path} lists no device; write a path a line")
+    if len(paths) > _MOST_DEVICES:
+        raise InputError(f"{path} lists {len(paths)} devices, more than {_MOST_DEVICES}; is it a list of paths?")
     return paths
+
+
+def absence(device: Device) -> str:
+    """Why there is nothing to calibrate, before a process is started for it; empty where there is something."""
+    absent = (path for path in device.sources if not os.path.exists(path) and not glob.has_magic(os.fspath(path)))
+    return next((f"{path} does not exist" for path in absent), "")
 
 
 def _sources(path: Path) -> list[Path]:

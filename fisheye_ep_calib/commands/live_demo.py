@@ -23,6 +23,7 @@ from typing import IO, Any, BinaryIO
 import yaml
 
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.outside import real_path
 from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.held import open_own
 
@@ -101,9 +102,9 @@ def _parameters(cameras: Sequence[str], target_file: Path, output: Path, model: 
     """The node's parameter file."""
     values: dict[str, Any] = {
         "cameras": list(cameras),
-        "target": str(target_file.resolve()),
+        "target": str(real_path(target_file)),
         "model": model,
-        "output_directory": str(output.resolve()),
+        "output_directory": str(real_path(output)),
         "resume": False,
         "auto_calibrate": False,
     }

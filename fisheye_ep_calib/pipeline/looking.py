@@ -237,7 +237,7 @@ def observation_files(source: Source) -> list[Path]:
     paths = [] if isinstance(source, Recording) else checked_paths(source, "paths")
     files = [path for path in paths if path.suffix == ".npz"]
     if files and len(files) < len(paths):
-        raise InputError("give observation files or recordings, not both at once")
+        raise InputError(f"{files[0]}: give observation files or recordings, not both at once")
     return files
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import other_than_a_file
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
@@ -18,9 +20,11 @@ PAGE, RECORD = "report.html", "calibration.json"
 
 
 def refuse_existing(paths: Sequence[Path | None], overwrite: bool) -> None:
-    """Nothing is replaced silently."""
+    """Nothing is replaced silently, and a pipe or a device not at all. Raises InputError."""
     for path in paths:
-        if path is not None and path.exists() and not overwrite:
+        if path is not None and (other := other_than_a_file(path)) and other != "a folder":  # one of overlays may be
+            raise InputError(f"{path} is {other}, not a file; give another place")
+        if path is not None and os.path.exists(path) and not overwrite:
             raise InputError(f"{path} is there already; give another place, or `overwrite`")
 
 

@@ -13,6 +13,7 @@ from fisheye_ep_calib.camera import PUPIL_FAMILIES
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.live.outcome import Outcome, outcome_of_file
 from fisheye_ep_calib.live.settings import CameraSettings, Limits, RigSettings, Settings, Tuning
+from fisheye_ep_calib.outside import expanded
 from fisheye_ep_calib.planning.view_selection import Novelty
 from fisheye_ep_calib.ros.parameter_table import Entry, ParameterTable
 from fisheye_ep_calib.storage.rig_file import CAMCHAIN, RIG
@@ -83,7 +84,7 @@ def declare(table: ParameterTable) -> Settings:
         _refuse_to_check(table, cameras)
     return Settings(
         cameras=cameras,
-        output_directory=Path(table["output_directory"]).expanduser(),
+        output_directory=expanded(table["output_directory"]),
         resume=table["resume"],
         workers=table["workers"],
         rig=_rig(table, cameras) if table["rig"] else None,
@@ -179,7 +180,7 @@ def _initial(camera: str, path: str) -> Outcome | None:
     if not path:
         return None
     try:
-        return outcome_of_file(Path(path).expanduser())
+        return outcome_of_file(expanded(path))
     except InputError as error:
         raise InputError(f"parameter {camera}.camera_file: {error}") from None
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
+from fisheye_ep_calib.outside import expanded
 from fisheye_ep_calib.rectification import INTERPOLATIONS, PROJECTIONS, SURFACES, Rectifier, make_view
 from fisheye_ep_calib.rectification.rectifier import NEAREST_DEPTH
 from fisheye_ep_calib.ros.parameter_table import Entry, ParameterTable
@@ -75,7 +75,7 @@ def _rectifier(table: ParameterTable) -> Rectifier:
     if bool(table["width"]) != bool(table["height"]):
         raise InputError("parameters width and height: give both or neither")
     try:
-        file = read_camera_file(Path(table["camera_file"]).expanduser())
+        file = read_camera_file(expanded(table["camera_file"]))
     except InputError as error:
         raise InputError(f"parameter camera_file: {error}") from None
     camera = file.stand_in if table["svp"] else file.camera

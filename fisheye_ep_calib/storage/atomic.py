@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.outside import other_than_a_file
 from fisheye_ep_calib.storage.held import HAS_LOCKS, held_file, remove_dead_file
 
 _MOST_WRITERS = 9  # at one time of one file; of more, what they leave when they are killed stays
@@ -31,9 +32,12 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """A file to write into that takes the place of ``path`` when it is left without an exception.
 
     Until then it lies beside it under a hidden name; what a killed program left there is removed. Missing parent
-    folders are created. Raises CalibrationError where the place cannot be written.
+    folders are created. Raises CalibrationError where the place cannot be written, or something else than a file is
+    there: a rename would put a file in the place of /dev/null.
     """
     path = Path(path)
+    if other := other_than_a_file(path):
+        raise CalibrationError(f"cannot write {path}: it is {other}, not a file; give another place")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary, file = _beside(path)

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fisheye_ep_calib.errors import CalibrationError
+from fisheye_ep_calib.outside import other_than_a_file
 from fisheye_ep_calib.storage.held import held_folder, remove_dead_folder
 
 
@@ -74,14 +75,23 @@ def _remove_abandoned(output: Path) -> None:
         remove_dead_folder(path)
 
 
+def _refuse_blocked(destination: Path, output: Path) -> None:
+    """Before the first file takes its place, so that all do or none. Raises CalibrationError."""
+    for folder in [output / inner for inner in destination.relative_to(output).parents if inner != Path(".")]:
+        if folder.is_symlink():
+            raise CalibrationError(f"{folder} is a link: results are not written through it")
+        if folder.exists() and not folder.is_dir():
+            raise CalibrationError(f"cannot write {folder}: it is not a folder; give another place")
+    if other := other_than_a_file(destination):
+        raise CalibrationError(f"cannot write {destination}: it is {other}, not a file; give another place")
+
+
 def _publish(staging: Path, output: Path, joins: bool) -> None:
     """Raises CalibrationError where another program has put the same there meanwhile; then they lie beside it."""
     written = sorted((path for path in staging.rglob("*") if path.is_file()), key=lambda path: -len(path.parts))
     places = [(path, output / path.relative_to(staging)) for path in written]
     for _, destination in places:
-        for folder in destination.relative_to(output).parents:
-            if (output / folder).is_symlink() and folder != Path("."):
-                raise CalibrationError(f"{output / folder} is a link: results are not written through it")
+        _refuse_blocked(destination, output)
     if not joins and any(destination.exists() for _, destination in places):
         free = next(path for n in itertools.count(2) if not (path := output.with_name(f"{output.name}_{n}")).exists())
         os.rename(staging, free)

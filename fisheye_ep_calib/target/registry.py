@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from os import PathLike
-from pathlib import Path
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.outside import checked_path
+from fisheye_ep_calib.outside import checked_path, expanded
 from fisheye_ep_calib.plain_text import one_line, shown
 from fisheye_ep_calib.target.base import Target
 from fisheye_ep_calib.target.boards.aprilgrid import AprilGrid
@@ -39,7 +38,7 @@ def load_target(path: str | PathLike[str] | Target) -> Target:
     """
     if isinstance(path, Target):
         return path
-    path = find_target_file(checked_path(path, "path").expanduser())
+    path = find_target_file(expanded(checked_path(path, "path")))
     if not os.path.exists(path):  # of a name that no file can have, too
         raise InputError(
             f"cannot read target file {one_line(path)}: it is not there; shipped, by name: {', '.join(shipped_files())}"
@@ -49,7 +48,7 @@ def load_target(path: str | PathLike[str] | Target) -> Target:
 
 def load_shape(path: str | PathLike[str]) -> BoardShape:
     """The measured shape that a target file or a camera file holds. Raises InputError in one line."""
-    path = find_target_file(Path(path).expanduser())
+    path = find_target_file(expanded(path))
     values = read_yaml(path, "target")
     try:
         camera = values.get("entrance_pupil") if isinstance(values, dict) else None

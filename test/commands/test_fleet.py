@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import multiprocessing
 import os
 import shutil
@@ -292,3 +293,32 @@ def test_a_record_that_no_calibration_wrote_is_told_in_words_of_ones_own(tmp_pat
     with pytest.raises(InputError, match="is not what a calibration writes|is not valid JSON") as refusal:
         device_rows("unit0", tmp_path)
     assert RECORD in str(refusal.value) and "object" not in str(refusal.value) and "Error" not in str(refusal.value)
+
+
+def test_devices_that_are_not_there_cost_no_process(command, fleet, tmp_path) -> None:
+    """A list may be any text by mistake: nothing that can be seen at once is found out by a process a line."""
+    absent = "".join(f"/nowhere/{number}.npz\n" for number in range(500))
+    (tmp_path / "none.txt").write_text(absent)
+    refused = command("calibrate-fleet", "none.txt", "--output", "out", *OPTIONS)
+    refused.refused(2, "none.txt: none of what it lists is there; /nowhere/0.npz does not exist")
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "many.txt").write_text("a\n" * 10_001)
+    command("calibrate-fleet", "many.txt", "--output", "out", *OPTIONS).refused(2, "many.txt lists 10001 devices")
+    (tmp_path / "one.txt").write_text(f"{absent}{fleet / 'unit0.npz'}\n")
+    ended = command("calibrate-fleet", "one.txt", "--output", "out", *OPTIONS)
+    assert ended.code == 1 and "501 devices, 0 of them finished before, 500 not there" in ended.err
+    rows = table(tmp_path / "out")
+    assert rows["unit0"]["status"] == "done" and "/nowhere/7.npz does not exist" in str(rows["7"])
+    assert [path.name for path in (tmp_path / "out" / "logs").iterdir()] == ["unit0.txt"]
+
+
+@pytest.mark.parametrize("source", [5, "a\0b", None])
+def test_a_record_of_another_source_than_a_path_ends_no_fleet(command, fleet, tmp_path, source) -> None:
+    (tmp_path / "list").write_text(f"{fleet / 'unit0.npz'}\n")
+    words = ("calibrate-fleet", "list", "--output", "out", *OPTIONS)
+    assert command(*words).code == 0
+    record = json.loads((tmp_path / "out" / "unit0" / RECORD).read_text())
+    for camera in record["cameras"].values():
+        camera["inputs"]["source"] = source
+    (tmp_path / "out" / "unit0" / RECORD).write_text(json.dumps(record))
+    assert command(*words).code == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -117,3 +118,15 @@ def test_what_is_no_length(length: Any, tmp_path) -> None:
     with pytest.raises(InputError, match="`output` must be the path of a file, not "):
         export(CAMERA, "camera_info", "" if isinstance(length, str) else length)
     assert not any(tmp_path.iterdir())
+
+
+def test_what_python_is_told_is_one_line_too() -> None:
+    """A name from outside drives no terminal by way of an exception, and does not fill it."""
+    with pytest.raises(InputError) as refusal:
+        open_recording("no\n\x1b[31msuch.mcap")
+    assert str(refusal.value) == r"no\n\x1b[31msuch.mcap does not exist"
+    with pytest.raises(InputError) as refusal:
+        open_recording("x" * 100_000)
+    assert len(str(refusal.value)) < 5000
+    again = pickle.loads(pickle.dumps(refusal.value))  # as workers send it
+    assert type(again) is InputError and str(again) == str(refusal.value)

@@ -11,7 +11,15 @@ import pytest
 
 import fisheye_ep_calib
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.outside import open_outside, read_outside, read_text_outside
+from fisheye_ep_calib.outside import (
+    checked_path,
+    expanded,
+    open_outside,
+    other_than_a_file,
+    read_outside,
+    read_text_outside,
+    real_path,
+)
 
 PACKAGE = Path(fisheye_ep_calib.__file__).parent
 # Opens what this package itself has made, or asked its user's machine for: worker files, logs, demos, templates.
@@ -105,3 +113,40 @@ def test_the_rule_sees_what_it_forbids() -> None:
         assert bare_openings(ast.parse(line)), line
     for line in ("source.open(p)", "json.loads(t)", "tarfile.open(fileobj=f)", "Observations.load(p)"):
         assert not bare_openings(ast.parse(line)), line
+
+
+def test_what_is_no_file_is_told_from_what_is_not_there(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").write_text("text")
+    (tmp_path / "to_pipe").symlink_to(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    told = {name: other_than_a_file(tmp_path / name) for name in ("pipe", "to_pipe", "file", "loop", "none")}
+    assert told == {"pipe": "a pipe", "to_pipe": "a pipe", "file": "", "loop": "", "none": ""}
+    assert other_than_a_file(tmp_path) == "a folder" and other_than_a_file(os.devnull) == "a device"
+
+
+def test_paths_that_lead_nowhere_are_left_as_they_are(tmp_path):
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    assert real_path(tmp_path / "loop") == tmp_path.resolve() / "loop"
+    assert expanded("~nobody_is_called_so/board.yaml") == Path("~nobody_is_called_so/board.yaml")
+    assert expanded("~/board.yaml") == Path.home() / "board.yaml"
+
+
+@pytest.mark.parametrize("path", ["", "a\0b", b"bytes", None, 5])
+def test_what_no_file_can_be_called_is_no_path(path):
+    with pytest.raises(InputError, match="`path` must be the path of a file"):
+        checked_path(path, "path")
+
+
+@pytest.mark.parametrize("method", ["resolve", "expanduser"])
+def test_no_path_is_followed_by_what_fails_on_a_loop_or_an_unknown_user(method):
+    """Path.resolve() ends in RuntimeError on a link to itself, Path.expanduser() on a user that there is not."""
+    calls = [
+        f"{file.relative_to(PACKAGE)}:{node.lineno}"
+        for file in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute)
+        and node.attr == method
+        and ast.unparse(node) not in ("os.path.expanduser", "Path(__file__).resolve")
+    ]
+    assert not calls

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.storage.atomic import remove_unfinished, whole_file
+from fisheye_ep_calib.storage.atomic import atomic_write, remove_unfinished, whole_file
 from fisheye_ep_calib.storage.held import open_own
 from fisheye_ep_calib.storage.results_folder import beside, results_folder
 from fisheye_ep_calib.storage.scratch import Scratch
@@ -192,3 +192,30 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(CalibrationError, match="cannot write"):
         with results_folder(tmp_path / "file"):
             pass
+
+
+def test_nothing_but_a_file_is_replaced(tmp_path):
+    """A rename would put a file in the place of /dev/null, where its user may do anything."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "to_pipe").symlink_to(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    before = everything(tmp_path)
+    for name, what in {"pipe": "a pipe", "to_pipe": "a pipe", "folder": "a folder"}.items():
+        with pytest.raises(CalibrationError, match=f"{name}: it is {what}, not a file"), whole_file(tmp_path / name):
+            raise AssertionError("begun to write")
+    assert everything(tmp_path) == before and stat.S_ISFIFO((tmp_path / "pipe").lstat().st_mode)
+    (tmp_path / "nowhere").symlink_to(tmp_path / "none")  # a link is replaced, not followed
+    atomic_write(tmp_path / "nowhere", b"new")
+    assert (tmp_path / "nowhere").read_bytes() == b"new" and not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize("blocked", ["b.yaml", "c"])
+def test_where_one_file_cannot_take_its_place_none_does(tmp_path, blocked):
+    """b.yaml is a folder, or the folder c a file."""
+    (tmp_path / "b.yaml").mkdir() if blocked == "b.yaml" else (tmp_path / "c").write_text("mine")
+    before = everything(tmp_path)
+    with pytest.raises(CalibrationError, match=f"cannot write .*{blocked}"), results_folder(tmp_path) as folder:
+        for name in ("a/1", "b.yaml", "c/2", "d"):
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text("new")
+    assert everything(tmp_path) == before

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.outside import open_outside
+from fisheye_ep_calib.outside import open_outside, real_path
 from fisheye_ep_calib.storage.budget import Budget
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
 from fisheye_ep_calib.storage.scratch import Scratch
@@ -106,8 +106,8 @@ def find_sources(paths: Sequence[str | os.PathLike[str]], scratch: Scratch) -> F
                     sources += _sources_of_bag_folder(path, bags, scratch, problems, budget)
             else:
                 sources.append(_open_bag(path, scratch, problems, budget))
-        taken = {file.resolve() for folder in folders for file in folder.files}
-        loose_images = [path for path in loose_images if path.resolve() not in taken]
+        taken = {real_path(file) for folder in folders for file in folder.files}
+        loose_images = [path for path in loose_images if real_path(path) not in taken]
         by_folder: dict[Path, list[Path]] = {}
         for path in loose_images:
             by_folder.setdefault(path.parent, []).append(path)
@@ -137,7 +137,7 @@ def _expand(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
         expanded += matches
     each: dict[Path, Path] = {}
     for path in expanded:
-        each.setdefault(path.resolve(), path)
+        each.setdefault(real_path(path), path)
     return list(each.values())
 
 
