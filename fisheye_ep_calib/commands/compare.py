@@ -66,7 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--distance takes positive lengths in metres, or inf")
     refuse_unusable_report(arguments)
     files = read_camera_file(arguments.first), read_camera_file(arguments.second)
-    comparison = compare(files[0], files[1], arguments.distance, alignment=arguments.align)
+    try:
+        comparison = compare(files[0], files[1], arguments.distance, alignment=arguments.align)
+    except InputError as error:
+        raise InputError(f"{arguments.first} and {arguments.second}: {error}") from None
     rows = summaries(comparison)
     if arguments.report is not None:
         names = files[0].name, files[1].name

@@ -351,3 +351,10 @@ def test_what_is_no_file_is_not_written_over(command, observation_file, tmp_path
     ended = command(*words)
     assert ended.code == 1 and "calibration.json: it is a folder, not a file" in ended.err
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["calibration.json"]
+
+
+def test_cameras_that_cannot_be_compared_are_named(command, camera_file, tmp_path) -> None:
+    other = yaml.safe_load(Path(camera_file).read_text())
+    other["image_width"] += 2
+    (tmp_path / "wide.yaml").write_text(yaml.safe_dump(other))
+    command("compare", camera_file, "wide.yaml").refused(2, str(camera_file), "and wide.yaml: ", "cannot be compared")
