@@ -4,6 +4,7 @@ import os
 import pickle
 import shutil
 import sqlite3
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from mcap.writer import Writer as McapWriter
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC
 from fisheye_ep_calib.storage.recording import choose_topics, open_recording
+from fisheye_ep_calib.storage.sources.find import _matches
 
 PICTURES = images()
 RECORDED = messages(PICTURES)
@@ -323,3 +325,19 @@ def test_a_recording_of_many_parts_keeps_few_files_open(tmp_path):
             frame.image()
         if before is not None:
             assert len(os.listdir("/proc/self/fd")) - before <= 10
+
+
+def test_a_pattern_ends_where_links_do_not(tmp_path, monkeypatch):
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    for name in ("first", "second"):
+        (tmp_path / "a" / name).symlink_to(tmp_path / "a")
+    (tmp_path / "elsewhere").symlink_to(tmp_path / "a" / "b")
+    for place in ("top.png", "a/one.png", "a/b/two.png", "a/b/.hidden.png"):
+        (tmp_path / place).write_bytes(b"")
+    monkeypatch.chdir(tmp_path)
+    images = {"top.png", "one.png", "two.png"}
+    for pattern in ("**/*.png", f"{tmp_path}/**/*.png", "**"):
+        found = [Path(match) for match in _matches(pattern)]
+        assert len(found) < 10 and {path.name for path in found if path.is_file()} == images, pattern
+    assert {Path(match) for match in _matches("a/**/b/*.png")} == {Path("a/b/two.png")}
+    assert not _matches("**/*.mcap") and [Path(match) for match in _matches("*.png")] == [Path("top.png")]

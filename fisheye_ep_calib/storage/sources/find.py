@@ -131,7 +131,7 @@ def _expand(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
         if os.path.exists(path):
             expanded.append(path)
             continue
-        matches = sorted(map(Path, glob.glob(os.fspath(name), recursive=True)), key=natural_order)
+        matches = sorted(map(Path, _matches(os.fspath(name))), key=natural_order)
         if not matches:
             raise InputError(f"{name} does not exist")
         expanded += matches
@@ -139,6 +139,28 @@ def _expand(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
     for path in expanded:
         each.setdefault(real_path(path), path)
     return list(each.values())
+
+
+def _matches(pattern: str) -> list[str]:
+    """As ``glob.glob`` with ** for folders within folders, each once: there is no end of links to what holds them."""
+    head, stars, tail = pattern.partition("**")
+    if not stars or (head and not head.endswith(("/", os.sep))) or (tail and not tail.startswith(("/", os.sep))):
+        return glob.glob(pattern)
+    matches: list[str] = []
+    seen: set[str] = set()
+    for start in glob.glob(head) if head else [os.curdir]:
+        for place, folders, files in os.walk(start, followlinks=True):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            if (real := os.path.realpath(place)) in seen:
+                folders.clear()
+                continue
+            seen.add(real)
+            if tail.strip(f"/{os.sep}"):
+                matches += glob.glob(glob.escape(place) + tail)
+                continue
+            matches += [place] if place != os.curdir else []
+            matches += [os.path.join(place, name) for name in files if not tail and not name.startswith(".")]
+    return matches
 
 
 def _bags_in(folder: Path) -> list[Path] | None:
