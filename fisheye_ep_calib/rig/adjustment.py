@@ -19,14 +19,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fisheye_ep_calib.calibration.estimating.levenberg_marquardt import Minimum, minimise
-from fisheye_ep_calib.calibration.estimating.normal_equations import NormalEquations, Step
+from fisheye_ep_calib.calibration.estimating.normal_equations import Step
 from fisheye_ep_calib.calibration.estimating.prediction import FeatureModel, Prediction, predict
 from fisheye_ep_calib.calibration.estimating.robust import LINEAR, Loss
 from fisheye_ep_calib.calibration.estimating.views import ViewBlock, view_blocks
 from fisheye_ep_calib.calibration.observations import Observations
 from fisheye_ep_calib.camera import FisheyeCamera
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.rig.equations import RigProducts, solve_rig
+from fisheye_ep_calib.rig.equations import RigEquations, RigProducts, solve_rig
 from fisheye_ep_calib.rotation import moved_poses, placed, turn_jacobian
 from fisheye_ep_calib.target.shape.bow import WARP_NAMES
 from fisheye_ep_calib.target.shape.model import ShapeModel, ShapeState
@@ -100,11 +100,10 @@ def adjust_rig(problem: RigProblem, state: RigState, max_iterations: int = 100) 
     )
 
 
-def evaluate_rig(problem: RigProblem, state: RigState) -> NormalEquations:
+def evaluate_rig(problem: RigProblem, state: RigState) -> RigEquations:
     """The normal equations at a state; ``by_view`` counts moments."""
     columns = [_columns(problem, camera) for camera in range(len(problem.views))]
-    moments_seen = [views.moments for views in problem.views]
-    sums = RigProducts(moments_seen, columns, problem.moment_count, 6 + problem.shared_size + 1)
+    sums = RigProducts([views.moments for views in problem.views], columns, problem.moment_count, problem.shared_size)
     cost, valid = 0.0, True
     for camera in range(len(problem.views)):
         for block, moments, predicted in _predictions(problem, state, camera, jacobian=True):
@@ -158,15 +157,13 @@ def _predictions(
 
 
 def _columns(problem: RigProblem, camera: int) -> np.ndarray:
-    """Where the columns of ``_system`` stand: the moment's pose, the camera's, its parameters, warp, residual."""
-    parts = [np.arange(6)]
+    """Where the shared ones of ``_system``'s columns stand: the camera's pose, its parameters, warp."""
+    parts = [problem.parameter_columns(camera)]
     if camera > 0:
-        parts.append(6 + np.arange(6 * (camera - 1), 6 * camera))
-    parts.append(6 + problem.parameter_columns(camera))
-    end = 6 + problem.shared_size
+        parts.insert(0, np.arange(6 * (camera - 1), 6 * camera))
     if problem.warp_free:
-        parts.append(np.arange(end - len(WARP_NAMES), end))
-    return np.concatenate([*parts, [end]])
+        parts.append(np.arange(problem.shared_size - len(WARP_NAMES), problem.shared_size))
+    return np.concatenate(parts)
 
 
 def _system(

@@ -13,7 +13,7 @@ from simulated_rig import PERIOD_NS, cameras, errors, place, see, targets_betwee
 
 from fisheye_ep_calib.calibration.assessing.stand_in import single_viewpoint
 from fisheye_ep_calib.errors import CalibrationError, InputError
-from fisheye_ep_calib.rig import calibrate_rig, equations
+from fisheye_ep_calib.rig import calibrate_rig
 from fisheye_ep_calib.rig.uncertainty import of_inverse
 from fisheye_ep_calib.rotation import moved_poses
 from fisheye_ep_calib.simulation import paper_target
@@ -299,16 +299,3 @@ def test_work_goes_with_the_sightings_not_with_images_times_sightings() -> None:
     assert rig.moments == 60
     sightings = sum(len(rig_camera.observations.pixels) for rig_camera in seen)
     assert Counted.compared < 20 * sightings  # a comparison with every image is 60 a sighting and pass
-
-
-def test_equations_kept_by_camera_give_the_same_rig(monkeypatch) -> None:
-    """What a rig of many cameras and moments does."""
-    seen = see(cameras(3, theta_max_deg=60), PLACES, DISCS, chain_poses(DISCS), noise=0.1)
-    covariance = np.diag(np.full(len(seen[1].camera.parameters), 1e-8))
-    seen = [seen[0], *(replace(rig_camera, covariance=covariance) for rig_camera in seen[1:])]
-    whole = calibrate_rig(seen)
-    monkeypatch.setattr(equations, "MOST_DENSE", 0)
-    by_camera = calibrate_rig(seen)
-    np.testing.assert_allclose(by_camera.reference_from_camera, whole.reference_from_camera, atol=1e-9)
-    np.testing.assert_allclose(by_camera.covariance, whole.covariance, rtol=1e-5, atol=1e-15)
-    assert by_camera.converged and by_camera.rms_px == pytest.approx(whole.rms_px, rel=1e-9)

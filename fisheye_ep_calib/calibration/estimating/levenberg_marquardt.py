@@ -17,6 +17,7 @@ CONFIDENT = 1e-6  # from a good one: more would slow what the data hold weakly, 
 _MOST_DAMPING = 1e14
 
 State = TypeVar("State")
+Equations = TypeVar("Equations", bound=NormalEquations)
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Minimum(Generic[State]):
 
 
 def minimise(
-    evaluate: Callable[[State], NormalEquations],
+    evaluate: Callable[[State], Equations],
     stepped: Callable[[State, Step], State | None],
     state: State,
     max_iterations: int = MOST_ITERATIONS,
@@ -41,7 +42,7 @@ def minimise(
     last_step: bool = True,
     first_damping: float = CAUTIOUS,
     unchecked: float = CONVERGED,
-    solve: Callable[[NormalEquations, float], Step] = solve_damped,
+    solve: Callable[[Equations, float], Step] = solve_damped,
 ) -> Minimum[State]:
     """Minimise the cost by Levenberg–Marquardt steps (Nielsen's damping; Madsen et al. 2004, algorithm 3.16).
 
