@@ -25,11 +25,11 @@ _SLOW_KINDS = {
 }
 
 
-def checked_path(path: object, name: str) -> Path:
+def checked_path(path: object, name: str, kind: str = "file") -> Path:
     """The path that a parameter of this name was given; an empty text is none. Raises InputError."""
     if isinstance(path, str | PathLike) and isinstance(text := os.fspath(path), str) and text and "\0" not in text:
         return Path(text)
-    raise InputError(f"`{name}` must be the path of a file, not {shown(path)}")
+    raise InputError(f"`{name}` must be the path of a {kind}, not {shown(path)}")
 
 
 def checked_paths(paths: object, name: str) -> list[Path]:

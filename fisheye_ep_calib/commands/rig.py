@@ -21,12 +21,11 @@ from fisheye_ep_calib.pipeline.names import safe_name
 from fisheye_ep_calib.pipeline.rig_looking import RigSource, rig_sources
 from fisheye_ep_calib.pipeline.writing import refuse_existing
 from fisheye_ep_calib.rig import USUAL_TOLERANCE, RigCalibration, RigCamera, calibrate_rig
-from fisheye_ep_calib.storage.atomic import atomic_write
 from fisheye_ep_calib.storage.camera_file import read_camera_file
 from fisheye_ep_calib.storage.camera_file_parsing import CameraFile
 from fisheye_ep_calib.storage.json_text import json_text
 from fisheye_ep_calib.storage.observation_file import save_observations
-from fisheye_ep_calib.storage.results_folder import beside
+from fisheye_ep_calib.storage.results_folder import beside, results_folder
 from fisheye_ep_calib.storage.rig_file import CAMCHAIN, RIG, rig_files
 
 DESCRIPTION = (
@@ -110,8 +109,9 @@ def run(arguments: argparse.Namespace) -> int:
     topics = {name: source.topic for name, source in sources.items() if source.topic}
     beside_it = {name: os.path.relpath(path, output) for name, path in paths.items()}
     stand_ins = [file.stand_in for file in files.values()]
-    for name, text in rig_files(result, beside_it, stand_ins, topics).items():
-        atomic_write(output / name, text.encode())
+    with results_folder(output) as folder:
+        for name, text in rig_files(result, beside_it, stand_ins, topics).items():
+            (folder / name).write_text(text, encoding="utf-8")
     print(_text(result, output), file=sys.stderr if arguments.json else sys.stdout)
     if arguments.json:
         print(json_text({**result.to_dict(), "yaml": str(output / RIG), "camchain": str(output / CAMCHAIN)}))

@@ -89,7 +89,7 @@ class CalibratedCamera(CalibrationResult):
         Returns the camera file; None for the paper's equation as printed, which is no camera. Raises InputError where
         files of those names are there, unless ``overwrite``.
         """
-        return write_cameras(Path(folder), [(self, self.camera_source, self.to_dict())], overwrite=overwrite)[self.name]
+        return write_cameras(folder, [(self, self.camera_source, self.to_dict())], overwrite=overwrite)[self.name]
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write one HTML page with all figures, and the images as far as they can still be read."""

@@ -54,7 +54,7 @@ class CalibratedCameras(Mapping[str, CalibratedCamera]):
         """``CalibratedCamera.write`` for all of them; returns camera name → camera file."""
         failed = {name: str(error) for name, error in self.failed.items()}
         results = [(result, result.camera_source, result.to_dict()) for result in self._results.values()]
-        return write_cameras(Path(folder), results, failed, overwrite=overwrite)
+        return write_cameras(folder, results, failed, overwrite=overwrite)
 
     def report(self, path: str | PathLike[str]) -> None:
         """Write one HTML page of all cameras."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from fisheye_ep_calib.calibration import CalibrationResult
 from fisheye_ep_calib.errors import InputError
-from fisheye_ep_calib.outside import other_than_a_file
+from fisheye_ep_calib.outside import checked_path, other_than_a_file
 from fisheye_ep_calib.pipeline.camera_source import CameraSource
 from fisheye_ep_calib.storage.camera_file import save_camera
 from fisheye_ep_calib.storage.observation_file import save_observations
@@ -70,7 +71,7 @@ def record_of(result: CalibrationResult, source: CameraSource, content: Mapping[
 
 
 def write_cameras(
-    output: Path,
+    folder: str | PathLike[str],
     results: Sequence[tuple[CalibrationResult, CameraSource, Mapping[str, Any]]],
     failed: Mapping[str, str] | None = None,
     *,
@@ -82,15 +83,16 @@ def write_cameras(
     """
     from fisheye_ep_calib.report.record import write_record
 
+    output = checked_path(folder, "folder", "folder")
     taken = [output / file for _, source, _ in results for file in files_of(source.name)]
     refuse_existing([output / RECORD, *taken], overwrite)
     files: dict[str, Path | None] = {}
     records = {}
-    with results_folder(output) as folder:
+    with results_folder(output) as staging:
         for result, source, content in results:
-            name = write_camera(folder, result, source)
+            name = write_camera(staging, result, source)
             files[source.name] = None if name is None else output / name
             yaml = None if name is None else str(output / name)
             records[source.name] = record_of(result, source, {**content, "yaml": yaml})
-        write_record(folder / RECORD, records, dict(failed or {}), {})
+        write_record(staging / RECORD, records, dict(failed or {}), {})
     return files

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from fisheye_ep_calib.errors import CalibrationError
-from fisheye_ep_calib.outside import other_than_a_file
+from fisheye_ep_calib.outside import checked_path, other_than_a_file
 from fisheye_ep_calib.storage.held import HAS_LOCKS, held_file, remove_dead_file
 
 _MOST_WRITERS = 9  # at one time of one file; of more, what they leave when they are killed stays
@@ -21,7 +21,8 @@ _UNFINISHED = re.compile(r"\..+\.\d\.unfinished", re.DOTALL)
 def atomic_write(path: str | os.PathLike[str], content: bytes) -> None:
     """Write ``content`` to ``path``: a reader sees the old file or the new one, never a part.
 
-    Missing parent folders are created. Raises CalibrationError where the place cannot be written.
+    Missing parent folders are created. Raises InputError where it is no path, CalibrationError where the place cannot
+    be written.
     """
     with whole_file(path) as file:
         file.write(content)
@@ -35,7 +36,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     folders are created. Raises CalibrationError where the place cannot be written, or something else than a file is
     there: a rename would put a file in the place of /dev/null.
     """
-    path = Path(path)
+    path = checked_path(path, "path")
     if other := other_than_a_file(path):
         raise CalibrationError(f"cannot write {path}: it is {other}, not a file; give another place")
     try:

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from known_scenes import CAMERA
+from known_scenes import CAMERA, seen_board
 
 from fisheye_ep_calib import (
+    CalibratedCamera,
     InputError,
     Observations,
     calibrate,
@@ -52,12 +53,22 @@ def test_arrays_of_another_shape(method: str, count: int) -> None:
         CAMERA.with_parameters(["a"])  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("path", [None, 3, 1.5, {}, b"\xff", True, object()])
-def test_what_is_no_path(path: Any) -> None:
+@pytest.fixture(scope="module")
+def calibrated() -> CalibratedCamera:
+    return calibrate(seen_board(views=8), "ep_even")
+
+
+@pytest.mark.parametrize("path", [None, 3, 1.5, {}, b"\xff", True, object(), "", "a\0b"])
+def test_what_is_no_path(path: Any, calibrated: CalibratedCamera) -> None:
     target = load_target("circle_grid_11x7")
     for call in (load_camera, load_target, Observations.load, lambda given: evaluate(given, given)):
         with pytest.raises(InputError, match="`path` must be the path of a file, not "):
             call(path)
+    for write in (calibrated.report, lambda given: save_camera(given, CAMERA)):
+        with pytest.raises(InputError, match="`path` must be the path of a file, not "):
+            write(path)
+    with pytest.raises(InputError, match="`folder` must be the path of a folder, not "):
+        calibrated.write(path)
     with pytest.raises(InputError, match="`path` must be the path of a file, not "):
         save_camera(path, CAMERA)
     for call in (

@@ -56,6 +56,12 @@ def test_observation_files_of_a_chain(three_cameras, tmp_path, capsys) -> None:
         angle, distance = errors(file.reference_from_camera[name], PLACES[number])
         assert angle < 1e-3 and distance < 1e-4
 
+    taken = tmp_path / "taken"
+    (taken / "camchain.yaml").mkdir(parents=True)
+    assert main([*three_cameras, "--output", str(taken), "--overwrite"]) == 1
+    assert "camchain.yaml: it is a folder" in capsys.readouterr().err
+    assert not (taken / "rig.yaml").exists()
+
     chain = yaml.safe_load((output / "camchain.yaml").read_text())
     assert list(chain) == ["cam0", "cam1", "cam2"] and "T_cn_cnm1" not in chain["cam0"]
     step = np.array(chain["cam2"]["T_cn_cnm1"])

@@ -107,12 +107,13 @@ def test_a_damaged_part_of_a_split_recording_does_not_cost_the_others(tmp_path):
     for part in (0, 2):
         (folder / f"bag_{part}.mcap").write_bytes(content[part])
     (folder / "bag_1.mcap").write_bytes(b"broken" + content[1])
-    listed = [f"bag_{part}.mcap" for part in range(4)]
+    listed = [*(f"bag_{part}.mcap" for part in range(4)), "x" * 5000]  # no file can have the last one's name
     (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {{relative_file_paths: {listed}}}")
     with open_recording(folder) as recording:
         assert recording.count(TOPIC) == 8
         said = "\n".join(recording.problems)
-    assert "bag_3.mcap listed in metadata.yaml but not there" in said
+    assert "bag_3.mcap, xxx" in said and "xxx listed in metadata.yaml but not there" in said
+    assert max(map(len, recording.problems)) < 500
     assert "bag_1.mcap is not an MCAP file" in said
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
     with open_recording(folder) as recording:

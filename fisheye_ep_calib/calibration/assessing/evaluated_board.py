@@ -137,11 +137,16 @@ def _compared(fits: dict[str, Fit], boards: dict[str, BoardShape | None]) -> Eva
     held_out[ESTIMATED] = own.rms_px
     if not _clearly_better(own, validations[best]):
         return EvaluatedBoard(best, boards[best], held_out)
-    other = _other_camera(fits[best])
-    if other is not None:
-        held_out[OTHER_CAMERA] = other.rms_px
-        if not _clearly_better(own, other):
-            return EvaluatedBoard(best, boards[best], held_out, ambiguous=True)
+    try:
+        other = refine(fits[best], fits[best].structure.estimated)
+        validation = cross_validate(other) if other.adjustment.converged else None
+    except (CalibrationError, np.linalg.LinAlgError):
+        return EvaluatedBoard(ESTIMATED, board_shape(shaped), held_out)
+    if validation is not None:
+        held_out[OTHER_CAMERA] = validation.rms_px
+    # Where another camera's fit finds no end, the camera may be to blame as well.
+    if validation is None or not _clearly_better(own, validation):
+        return EvaluatedBoard(best, boards[best], held_out, ambiguous=True)
     return EvaluatedBoard(ESTIMATED, board_shape(shaped), held_out)
 
 
@@ -161,14 +166,6 @@ def _with_own_shape(fit: Fit) -> Fit | None:
     except (CalibrationError, np.linalg.LinAlgError):
         return None
     return shaped if shaped.problem.shape_size else None
-
-
-def _other_camera(fit: Fit) -> CrossValidation | None:
-    """What a camera of the same kind that is fitted to these views makes of those left out."""
-    try:
-        return cross_validate(refine(fit, fit.structure.estimated))
-    except (CalibrationError, np.linalg.LinAlgError):
-        return None
 
 
 def _clearly_better(first: CrossValidation, second: CrossValidation) -> bool:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.outside import open_outside, real_path
+from fisheye_ep_calib.plain_text import one_line
 from fisheye_ep_calib.storage.budget import Budget
 from fisheye_ep_calib.storage.compression import ZSTD_MAGIC, decompress_file
 from fisheye_ep_calib.storage.scratch import Scratch
@@ -25,6 +26,7 @@ from fisheye_ep_calib.storage.sources.image_folders import ImageFolder, image_fo
 from fisheye_ep_calib.yaml_file import read_yaml
 
 MAX_METADATA_BYTES = 2**24
+_NAMES_TOLD = 5
 
 
 class BagFormat(NamedTuple):
@@ -201,13 +203,13 @@ def _sources_of_bag_folder(
     """The files of a rosbag2 folder, or ROS 1 bags side by side; an unreadable one spares the others."""
     damage: list[str] = []
     listed = _files_listed(folder, damage)
-    missing = [name for name in listed if not (folder / name).exists()]
+    missing = [name for name in listed if not os.path.exists(folder / name)]
     complete = {name.removesuffix(".zstd") for name in listed}
     strange = [path.name for path in bags if listed and path.name.removesuffix(".zstd") not in complete]
     if strange:
-        problems.append(f"{folder}: {', '.join(strange)} not listed in metadata.yaml, but read too")
+        problems.append(f"{folder}: {_some(strange)} not listed in metadata.yaml, but read too")
     if missing:
-        problems.append(f"{folder}: {', '.join(missing)} listed in metadata.yaml but not there")
+        problems.append(f"{folder}: {_some(missing)} listed in metadata.yaml but not there")
     sources: list[Source] = []
     failures = []
     for path in bags:
@@ -219,6 +221,12 @@ def _sources_of_bag_folder(
         raise InputError((failures + problems + [f"{folder} holds no bag file"])[0])
     problems += failures + damage
     return sources
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first of the names in a line, and how many more there are."""
+    more = f" and {len(names) - _NAMES_TOLD} more" if len(names) > _NAMES_TOLD else ""
+    return ", ".join(one_line(name, 100) for name in names[:_NAMES_TOLD]) + more
 
 
 def _files_listed(folder: Path, problems: list[str]) -> list[str]:

@@ -10,6 +10,8 @@ from bent_boards import bent, seen_bent
 from known_scenes import BOARD, CAMERA, poses_of, seen, with_gross_errors
 
 from fisheye_ep_calib import calibrate, evaluate
+from fisheye_ep_calib.calibration.assessing import evaluated_board
+from fisheye_ep_calib.calibration.estimating.fit import refine
 from fisheye_ep_calib.calibration.words import BAD, GOOD
 from fisheye_ep_calib.pipeline.known_camera import known_camera
 from fisheye_ep_calib.simulation import look_pose
@@ -99,6 +101,17 @@ def test_a_camera_that_a_stretched_board_would_excuse_is_not_excused(name) -> No
     assert judged.chosen.source == "file" and judged.chosen.ambiguous and judged.rms_px > 0.4
     assert "so would another camera" in judged.board_words
     assert any(one.name == "board_or_camera" and one.concern for one in judged.findings)
+
+
+def test_a_camera_whose_fit_finds_no_end_may_be_to_blame(monkeypatch) -> None:
+    def endless(start, structure, *others):
+        fit = refine(start, structure, *others)
+        return replace(fit, adjustment=replace(fit.adjustment, converged=structure.held))
+
+    monkeypatch.setattr(evaluated_board, "refine", endless)
+    judged = evaluate(CAMERA, views_of(*OTHERS["stretched"]))
+    assert judged.chosen.source == "file" and judged.chosen.ambiguous
+    assert "other camera" not in judged.chosen.held_out_px
 
 
 @pytest.mark.parametrize("name", CAMERAS)
