@@ -1,7 +1,9 @@
 """Damaged recordings: what is readable is used, what is lost is said, and nothing else ever happens."""
 
+import os
 import struct
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -180,3 +182,16 @@ def test_a_packed_chunk_that_is_too_short_is_told(tmp_path, compression):
     bag.write_bytes(content)
     with open_recording(bag) as recording:
         assert recording.count(TOPIC) < len(PICTURES) and recording.problems
+
+
+def test_an_image_file_that_no_image_needs_is_not_read(tmp_path):
+    for name in ("a.jpg", "b.jpg"):
+        (tmp_path / name).write_bytes(b"\xff\xd8\xff\xe0" + bytes(100))
+        os.truncate(tmp_path / name, 400_000_000)  # takes no disk
+    with open_recording(tmp_path) as recording:
+        tracemalloc.start()
+        with pytest.raises(InputError, match=r"a\.jpg: too large for a"):
+            recording.frame(recording.image_topics()[0].name, 0).image()
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    assert most < 3e8

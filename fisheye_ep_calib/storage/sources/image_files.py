@@ -16,14 +16,14 @@ from fisheye_ep_calib.errors import InputError
 from fisheye_ep_calib.outside import open_outside, read_outside
 from fisheye_ep_calib.storage.images import decoded_file, decoded_page, grey_of_samples
 from fisheye_ep_calib.storage.pictures import Picture, picture_of
-from fisheye_ep_calib.storage.sources.base import Entry, Source
+from fisheye_ep_calib.storage.sources.base import MAX_MESSAGE_BYTES, Entry, Source
 from fisheye_ep_calib.storage.sources.image_names import times_in_names
 from fisheye_ep_calib.storage.tiff_pages import MAGICS, Page, pages
 
 _TIFF = frozenset({".tif", ".tiff"})
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".pbm"}) | _TIFF
 IMAGE_FILE = "image file"
-MAX_FILE_BYTES = 2**30
+MAX_FILE_BYTES = MAX_MESSAGE_BYTES  # an image on disk is read whole as well
 
 
 class ImageFiles(Source):
