@@ -62,7 +62,7 @@ class RigProducts:
             self._cameras.append(CameraColumns(seen, of_camera, mixed, row))
 
     def add(self, camera: int, moments: np.ndarray, products: np.ndarray) -> None:
-        """products (B, 6 + k_c + 1, ·): JᵀJ of pose, the camera's columns and the residual, of the moments (B,).
+        """products (B, 7 + k_c, 7 + k_c): JᵀJ of pose, the camera's columns and the residual, of the moments (B,).
 
         A camera sees a moment once.
         """
